@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from lfdepth.camera import Camera
     from lfdepth.errors import LightFieldError
-    from lfdepth.evaluate import evaluate
+    from lfdepth.evaluation import evaluate
     from lfdepth.io import read, write
     from lfdepth.lightfield import LightField
-    from lfdepth.methods import Method, methods
+    from lfdepth.methods import Method, method
     from lfdepth.sweep.run import Result, estimate
 
 __version__ = "0.1.0"
@@ -29,8 +29,8 @@ _HOMES = {
     "Method": "lfdepth.methods",
     "Result": "lfdepth.sweep.run",
     "estimate": "lfdepth.sweep.run",
-    "evaluate": "lfdepth.evaluate",
-    "methods": "lfdepth.methods",
+    "evaluate": "lfdepth.evaluation",
+    "method": "lfdepth.methods",
     "read": "lfdepth.io",
     "write": "lfdepth.io",
 }
@@ -43,7 +43,7 @@ __all__ = [
     "Result",
     "estimate",
     "evaluate",
-    "methods",
+    "method",
     "read",
     "write",
 ]
@@ -51,7 +51,6 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     if name in _HOMES:
-        # Replaces a submodule of the same name (`lfdepth.evaluate`, `lfdepth.methods`) by the public object.
         globals()[name] = getattr(import_module(_HOMES[name]), name)
         return globals()[name]
     raise AttributeError(f"module 'lfdepth' has no attribute {name!r}")
