@@ -1,0 +1,180 @@
+"""Folders of the 4D Light Field Benchmark (Honauer et al. 2016, doi:10.1007/978-3-319-54187-7_2)."""
+
+from __future__ import annotations
+
+import re
+from configparser import ConfigParser
+from configparser import Error as ConfigError
+from dataclasses import dataclass
+from math import isqrt
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from lfdepth.camera import Camera
+from lfdepth.errors import LightFieldError
+from lfdepth.io.pfm import read_pfm
+from lfdepth.io.picture import read_picture
+from lfdepth.io.source import ViewSource
+from lfdepth.lightfield import check_range
+
+_VIEW = re.compile(r"input_Cam(\d+)\.png")
+_MASK = re.compile(r"mask_(\w+)_lowres\.png")
+_CONFIG = "parameters.cfg"
+_TRUTH = "gt_disp_lowres.pfm"
+
+
+@dataclass(frozen=True)
+class Parameters:
+    """What `parameters.cfg` says of a scene."""
+
+    camera: Camera
+    grid: tuple[int, int]
+    disparity_range: tuple[float, float]
+
+
+def recognise(path: Path) -> bool:
+    """True for a folder that holds `input_CamNNN.png` or `parameters.cfg`."""
+    if not path.is_dir():
+        return False
+    return (path / _CONFIG).exists() or any(_VIEW.fullmatch(file.name) for file in path.iterdir())
+
+
+def open_benchmark(path: Path) -> ViewSource:
+    """Open a folder with `input_CamNNN.png`, numbered row by row from the top left view.
+
+    `parameters.cfg` gives grid, camera and disparity range. Without it the number of views has to be a
+    square, and the light field has no camera and no range. `gt_disp_lowres.pfm` becomes the truth, and every
+    `mask_NAME_lowres.png` the mask NAME.
+
+    Raises
+    ------
+    LightFieldError
+        If views are missing or too many, `parameters.cfg` is garbled or contradicts the files, or the truth
+        or a mask is damaged or of another size.
+    """
+    parameters = read_parameters(path / _CONFIG) if (path / _CONFIG).exists() else None
+    grid = parameters.grid if parameters else _square_grid(path)
+    files = _view_files(path, grid)
+    if parameters:
+        _check_resolution(files[0], parameters.camera)
+    return ViewSource(
+        grid=grid,
+        read_view=lambda v, u: read_picture(files[v * grid[1] + u]),
+        describe=lambda v, u: str(files[v * grid[1] + u]),
+        camera=parameters.camera if parameters else None,
+        disparity_range=parameters.disparity_range if parameters else None,
+        truth=_read_truth(path / _TRUTH) if (path / _TRUTH).exists() else None,
+        masks=_read_masks(path),
+        name=path.resolve().name,
+    )
+
+
+def read_parameters(path: Path) -> Parameters:
+    """Read the benchmark's `parameters.cfg`.
+
+    Raises
+    ------
+    LightFieldError
+        If the file is unreadable, or a value is missing, no number or out of its range.
+    """
+    config = ConfigParser(interpolation=None)
+    try:
+        config.read_string(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, ConfigError) as error:
+        reason = " ".join(str(error).split())[:100]
+        raise LightFieldError(
+            f"{path}: garbled ({reason}); expected the benchmark's [intrinsics], [extrinsics] and [meta]; "
+            "restore the file, or remove it and give the disparity range yourself"
+        ) from None
+
+    def number(section: str, key: str) -> float:
+        try:
+            return float(config[section][key])
+        except (KeyError, ValueError):
+            found = config.get(section, key, fallback="missing")
+            raise LightFieldError(
+                f"{path}: [{section}] {key} is {found}; expected a number; correct it"
+            ) from None
+
+    def count(section: str, key: str) -> int:
+        value = number(section, key)
+        if not (value > 0 and value.is_integer()):
+            raise LightFieldError(f"{path}: [{section}] {key} is {value:g}; expected a count; correct it")
+        return int(value)
+
+    disparity_range = number("meta", "disp_min"), number("meta", "disp_max")
+    check_range(disparity_range, f"{path}: disp_min to disp_max")
+    grid = count("extrinsics", "num_cams_y"), count("extrinsics", "num_cams_x")
+    try:
+        camera = Camera(
+            focal_length_mm=number("intrinsics", "focal_length_mm"),
+            sensor_size_mm=number("intrinsics", "sensor_size_mm"),
+            baseline_mm=number("extrinsics", "baseline_mm"),
+            focus_distance_m=number("extrinsics", "focus_distance_m"),
+            width=count("intrinsics", "image_resolution_x_px"),
+            height=count("intrinsics", "image_resolution_y_px"),
+        )
+    except LightFieldError as error:
+        message = str(error)
+        raise LightFieldError(message if str(path) in message else f"{path}: {message}") from None
+    return Parameters(camera, grid, disparity_range)
+
+
+def _square_grid(path: Path) -> tuple[int, int]:
+    count = sum(1 for file in path.iterdir() if _VIEW.fullmatch(file.name))
+    side = isqrt(count)
+    if side * side != count:
+        raise LightFieldError(
+            f"{path}: {count} views input_CamNNN.png and no {_CONFIG}; expected a square number of views, "
+            f"or {_CONFIG} to give the grid; add the missing ones"
+        )
+    return side, side
+
+
+def _view_files(path: Path, grid: tuple[int, int]) -> list[Path]:
+    """View files in row-major order; every one there, and no other."""
+    found = {int(match[1]): file for file in path.iterdir() if (match := _VIEW.fullmatch(file.name))}
+    count = grid[0] * grid[1]
+    expected = f"{count} views input_Cam000.png to input_Cam{count - 1:03d}.png ({grid[1]}x{grid[0]} cameras)"
+    missing = sorted(set(range(count)) - set(found))
+    if missing:
+        raise LightFieldError(
+            f"{path}: {len(missing)} views missing, first input_Cam{missing[0]:03d}.png; "
+            f"expected {expected}; copy them there"
+        )
+    surplus = sorted(set(found) - set(range(count)))
+    if surplus:
+        raise LightFieldError(
+            f"{path}: {len(surplus)} surplus views, first {found[surplus[0]].name}; expected {expected}; "
+            f"remove them or correct num_cams_x and num_cams_y in {_CONFIG}"
+        )
+    return [found[index] for index in range(count)]
+
+
+def _check_resolution(file: Path, camera: Camera) -> None:
+    height, width, _ = read_picture(file).shape
+    if (width, height) != (camera.width, camera.height):
+        raise LightFieldError(
+            f"{file}: {width}x{height} px; expected {camera.width}x{camera.height} as {_CONFIG} says; "
+            "correct image_resolution_x_px and image_resolution_y_px, or the views"
+        )
+
+
+def _read_truth(path: Path) -> npt.NDArray[np.float32]:
+    truth = read_pfm(path)
+    bad = int(np.count_nonzero(~np.isfinite(truth)))
+    if bad:
+        raise LightFieldError(
+            f"{path}: {bad} NaN or infinite values; expected finite disparities; remove the file"
+        )
+    return truth
+
+
+def _read_masks(path: Path) -> dict[str, npt.NDArray[np.bool_]]:
+    files = sorted(file for file in path.iterdir() if _MASK.fullmatch(file.name))
+    return {
+        file.name.removeprefix("mask_").removesuffix("_lowres.png"): read_picture(file)[..., 0] > 0
+        for file in files
+    }

@@ -1,0 +1,253 @@
+"""The light field: a grid of views of one scene."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from math import isfinite
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from lfdepth.camera import Camera
+from lfdepth.errors import LightFieldError
+
+FULL_SCALE: Mapping[str, float] = {"uint8": 255.0, "uint16": 65535.0, "float32": 1.0}
+"""The value of white for each sample type that views may have."""
+
+MIN_VIEWS = 3
+"""Fewest views along either axis of the grid."""
+
+# Rec. 601 luma: what published methods of this family mean by "grey".
+_LUMA = np.array([0.299, 0.587, 0.114], dtype=np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class LightField:
+    """Views of one scene from a regular grid of cameras.
+
+    The reference view is ``views[V // 2, U // 2]``; view indices u (to the right) and v (down) count from it.
+    A pixel (x, y) of the reference view with disparity D appears in view (u, v) at (x - D·u, y - D·v), so
+    positive disparity (px per view step) is nearer than the focus distance.
+
+    Parameters
+    ----------
+    views : ndarray, shape (V, U, H, W, C)
+        uint8, uint16 or float32 with white at 255, 65535 and 1.0; C = 1 (grey) or 3 (RGB).
+        Float views lie in [0, 1]. V and U are at least 3, odd or even.
+    camera : Camera, optional
+        Needed only where metres are asked for.
+    disparity_range : tuple of float, optional
+        (smallest, largest) disparity in the scene, px per view step.
+    truth : ndarray, shape (H, W), optional
+        Exact disparity of the reference view, float32, finite.
+    masks : mapping of str to ndarray, optional
+        Named regions of the reference view, (H, W) bool.
+    present : ndarray, shape (V, U), optional
+        True where a view exists; absent views are zero and must not be used. None: all exist.
+    name : str
+        Short name for messages and tables.
+
+    Raises
+    ------
+    LightFieldError
+        If any of the above does not hold.
+    """
+
+    views: npt.NDArray[Any]
+    camera: Camera | None = None
+    disparity_range: tuple[float, float] | None = None
+    truth: npt.NDArray[np.float32] | None = None
+    masks: Mapping[str, npt.NDArray[np.bool_]] = field(default_factory=dict)
+    present: npt.NDArray[np.bool_] | None = None
+    name: str = "light field"
+
+    def __post_init__(self) -> None:
+        self._check_views()
+        self._check_present()
+        if self.disparity_range is not None:
+            check_range(self.disparity_range, f"{self.name}: disparity range")
+        if self.truth is not None:
+            self._check_map("truth", self.truth, np.dtype(np.float32))
+            if not np.isfinite(self.truth).all():
+                raise self._error(
+                    "truth holds NaN or infinite values", "finite disparities", "repair the map"
+                )
+        for key, mask in self.masks.items():
+            self._check_map(f"mask {key!r}", mask, np.dtype(np.bool_))
+        if self.camera and (self.camera.height, self.camera.width) != self.views.shape[2:4]:
+            found = f"camera is for {self.camera.width}x{self.camera.height} px"
+            raise self._error(found, f"the views' {self.width}x{self.height}", "crop or scale both alike")
+
+    @property
+    def shape(self) -> tuple[int, int, int, int, int]:
+        """(V, U, H, W, C)."""
+        v, u, h, w, c = self.views.shape
+        return v, u, h, w, c
+
+    @property
+    def height(self) -> int:
+        """Rows of a view."""
+        return self.shape[2]
+
+    @property
+    def width(self) -> int:
+        """Columns of a view."""
+        return self.shape[3]
+
+    @property
+    def centre(self) -> tuple[int, int]:
+        """Grid position (V // 2, U // 2) of the reference view."""
+        return self.shape[0] // 2, self.shape[1] // 2
+
+    @property
+    def reference(self) -> npt.NDArray[Any]:
+        """The reference view, (H, W, C)."""
+        view: npt.NDArray[Any] = self.views[self.centre]
+        return view
+
+    @property
+    def full_scale(self) -> float:
+        """The value of white: 255, 65535 or 1."""
+        return FULL_SCALE[self.views.dtype.name]
+
+    def grey(self) -> npt.NDArray[Any]:
+        """Luma of every view (Rec. 601: 0.299 R + 0.587 G + 0.114 B).
+
+        Returns
+        -------
+        ndarray, shape (V, U, H, W)
+            uint8, rounded, for 8-bit views; float32 scaled to 0..255 for all others.
+        """
+        v, u, h, w, channels = self.shape
+        eight_bit = self.views.dtype == np.uint8
+        if eight_bit and channels == 1:
+            grey: npt.NDArray[Any] = self.views[..., 0]
+            return grey
+        grey = np.empty((v, u, h, w), dtype=np.uint8 if eight_bit else np.float32)
+        weights = _LUMA if channels == 3 else np.ones(1, np.float32)
+        weights = weights * np.float32(255 / self.full_scale)
+        for index in np.ndindex(v, u):  # view by view: a float copy of all of them would be large
+            luma = self.views[index].astype(np.float32) @ weights
+            grey[index] = np.rint(luma) if eight_bit else luma
+        return grey
+
+    def epi_horizontal(self, y: int) -> npt.NDArray[Any]:
+        """Epipolar-plane image (U, W, C) of row y in the central row of views."""
+        self._check_index("y", y, self.height)
+        epi: npt.NDArray[Any] = self.views[self.centre[0], :, y]
+        return epi
+
+    def epi_vertical(self, x: int) -> npt.NDArray[Any]:
+        """Epipolar-plane image (V, H, C) of column x in the central column of views."""
+        self._check_index("x", x, self.width)
+        epi: npt.NDArray[Any] = self.views[:, self.centre[1], :, x]
+        return epi
+
+    def angular_crop(self, v: int, u: int) -> LightField:
+        """Keep v × u views around the reference view, which stays the same.
+
+        Raises
+        ------
+        LightFieldError
+            If the light field has fewer views, or so few are left that it is none.
+        """
+        rows = angular_window(self.shape[0], v, self.name)
+        columns = angular_window(self.shape[1], u, self.name)
+        present = None if self.present is None else self.present[rows, columns]
+        return replace(self, views=self.views[rows, columns], present=present)
+
+    def crop(self, x: int, y: int, width: int, height: int) -> LightField:
+        """Keep the window of every view whose top left pixel is (x, y).
+
+        Raises
+        ------
+        LightFieldError
+            If the window does not lie inside the views.
+        """
+        check_window((x, y, width, height), (self.width, self.height), self.name)
+        rows, columns = slice(y, y + height), slice(x, x + width)
+        return replace(
+            self,
+            views=self.views[:, :, rows, columns],
+            camera=self.camera and self.camera.crop(x, y, width, height),
+            truth=None if self.truth is None else self.truth[rows, columns],
+            masks={key: mask[rows, columns] for key, mask in self.masks.items()},
+        )
+
+    def _check_views(self) -> None:
+        views = self.views
+        if views.ndim != 5 or views.shape[4] not in (1, 3):
+            raise self._error(
+                f"views have shape {views.shape}", "(V, U, H, W, C) with C = 1 or 3", "reorder the axes"
+            )
+        if min(views.shape[:2]) < MIN_VIEWS or 0 in views.shape:
+            raise self._error(
+                f"views have shape {views.shape}",
+                f"at least {MIN_VIEWS}x{MIN_VIEWS} views with pixels",
+                "add views",
+            )
+        if views.dtype.name not in FULL_SCALE:
+            raise self._error(f"views are {views.dtype}", "uint8, uint16 or float32", "convert them")
+        if views.dtype == np.float32:
+            low, high = float(views.min()), float(views.max())
+            if not (low >= 0 and high <= 1):  # also catches NaN
+                raise self._error(
+                    f"float views span [{low:g}, {high:g}]", "finite values in [0, 1]", "scale or repair them"
+                )
+
+    def _check_present(self) -> None:
+        if self.present is None:
+            return
+        if self.present.shape != self.views.shape[:2] or self.present.dtype != np.bool_:
+            found = f"present is {self.present.dtype} {self.present.shape}"
+            raise self._error(found, f"bool {self.views.shape[:2]}", "correct it")
+        if not self.present[self.centre]:
+            raise self._error(
+                f"reference view {self.centre} is absent", "it to be present", "choose another grid"
+            )
+
+    def _check_map(self, what: str, array: npt.NDArray[Any], dtype: np.dtype[Any]) -> None:
+        if array.shape != self.views.shape[2:4] or array.dtype != dtype:
+            found = f"{what} is {array.dtype} {array.shape}"
+            raise self._error(found, f"{dtype} {self.views.shape[2:4]}, the views' size", "correct it")
+
+    def _check_index(self, axis: str, index: int, size: int) -> None:
+        if not 0 <= index < size:
+            raise self._error(f"{axis} = {index}", f"0 to {size - 1}", "choose a line inside the views")
+
+    def _error(self, found: str, expected: str, remedy: str) -> LightFieldError:
+        return LightFieldError(f"{self.name}: {found}; expected {expected}; {remedy}")
+
+
+def check_range(disparity_range: tuple[float, float], what: str) -> None:
+    """Raise LightFieldError unless the range is finite and its smallest value is below its largest."""
+    low, high = disparity_range
+    if not (isfinite(low) and isfinite(high) and low < high):
+        raise LightFieldError(
+            f"{what} is {low:g} to {high:g}; expected finite MIN < MAX in px per view step; correct it"
+        )
+
+
+def check_window(window: tuple[int, int, int, int], size: tuple[int, int], what: str) -> None:
+    """Raise LightFieldError unless the window (x, y, width, height) lies inside a picture of size (W, H)."""
+    x, y, width, height = window
+    if not (
+        x >= 0 and y >= 0 and width > 0 and height > 0 and x + width <= size[0] and y + height <= size[1]
+    ):
+        raise LightFieldError(
+            f"{what}: crop {x} {y} {width} {height} (x y width height) leaves the views; "
+            f"expected a window inside {size[0]}x{size[1]} px; choose a smaller one"
+        )
+
+
+def angular_window(available: int, wanted: int, what: str) -> slice:
+    """Slice of one grid axis that keeps `wanted` views and the same reference view."""
+    if not 1 <= wanted <= available:
+        raise LightFieldError(
+            f"{what}: {wanted} views asked for along an axis that has {available}; "
+            f"expected 1 to {available}; choose fewer"
+        )
+    start = available // 2 - wanted // 2
+    return slice(start, start + wanted)
