@@ -16,6 +16,7 @@ from lfdepth.camera import Camera
 from lfdepth.errors import LightFieldError
 from lfdepth.io.pfm import read_pfm
 from lfdepth.io.picture import read_picture
+from lfdepth.io.record import checked_map
 from lfdepth.io.source import ViewSource
 from lfdepth.lightfield import check_range
 
@@ -65,7 +66,7 @@ def open_benchmark(path: Path) -> ViewSource:
         describe=lambda v, u: str(files[v * grid[1] + u]),
         camera=parameters.camera if parameters else None,
         disparity_range=parameters.disparity_range if parameters else None,
-        truth=_read_truth(path / _TRUTH) if (path / _TRUTH).exists() else None,
+        truth=checked_map(read_pfm(path / _TRUTH), str(path / _TRUTH)) if (path / _TRUTH).exists() else None,
         masks=_read_masks(path),
         name=path.resolve().name,
     )
@@ -160,16 +161,6 @@ def _check_resolution(file: Path, camera: Camera) -> None:
             f"{file}: {width}x{height} px; expected {camera.width}x{camera.height} as {_CONFIG} says; "
             "correct image_resolution_x_px and image_resolution_y_px, or the views"
         )
-
-
-def _read_truth(path: Path) -> npt.NDArray[np.float32]:
-    truth = read_pfm(path)
-    bad = int(np.count_nonzero(~np.isfinite(truth)))
-    if bad:
-        raise LightFieldError(
-            f"{path}: {bad} NaN or infinite values; expected finite disparities; remove the file"
-        )
-    return truth
 
 
 def _read_masks(path: Path) -> dict[str, npt.NDArray[np.bool_]]:

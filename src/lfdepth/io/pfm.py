@@ -8,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from lfdepth.errors import LightFieldError
+from lfdepth.io.atomic import atomic
+from lfdepth.io.record import Record
 
 # Four header lines of a few dozen bytes; more means that the file is something else.
 _MAX_HEADER = 256
@@ -42,12 +44,12 @@ def read_pfm(path: Path) -> npt.NDArray[np.float32]:
     return np.ascontiguousarray(rows.reshape(height, width)[::-1], dtype=np.float32)
 
 
-def write_pfm(path: Path, values: npt.NDArray[np.float32]) -> None:
-    """Write a (H, W) map as little-endian grey PFM."""
-    height, width = values.shape
-    with path.open("wb") as file:
+def write_pfm(path: Path, record: Record) -> None:
+    """Write the map as little-endian grey PFM."""
+    height, width = record.values.shape
+    with atomic(path) as temporary, temporary.open("wb") as file:
         file.write(f"Pf\n{width} {height}\n-1\n".encode())
-        file.write(np.ascontiguousarray(values[::-1], dtype="<f4").data)
+        file.write(np.ascontiguousarray(record.values[::-1], dtype="<f4").data)
 
 
 def _parse_header(path: Path, data: bytes) -> tuple[int, int, bool, int]:

@@ -1,0 +1,78 @@
+"""What the writers of maps are given."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from lfdepth.errors import LightFieldError
+
+if TYPE_CHECKING:
+    from lfdepth.sweep.run import Result
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A map of the reference view and what is known of it.
+
+    Parameters
+    ----------
+    values : ndarray, shape (H, W)
+        float32.
+    quantity, unit : str
+        What the values are, for formats that can say so.
+    confidence : ndarray, shape (H, W), optional
+        float32 in [0, 1].
+    range : tuple of float, optional
+        The disparities swept, px per view step.
+    runtime : float, optional
+        Seconds.
+    parameters : str, optional
+        The method's fields as JSON.
+    """
+
+    values: npt.NDArray[np.float32]
+    quantity: str = "disparity"
+    unit: str = "px per view step"
+    confidence: npt.NDArray[np.float32] | None = None
+    range: tuple[float, float] | None = None
+    runtime: float | None = None
+    parameters: str | None = None
+
+
+def as_record(result: Result | npt.NDArray[Any]) -> Record:
+    """Wrap a result or a bare disparity map.
+
+    Raises
+    ------
+    LightFieldError
+        If the map is not two-dimensional, empty, or not finite.
+    """
+    if isinstance(result, np.ndarray):
+        return Record(checked_map(result, "disparity"))
+    return Record(
+        checked_map(result.disparity, "disparity"),
+        confidence=checked_map(result.confidence, "confidence"),
+        range=result.range,
+        runtime=result.runtime,
+        parameters=json.dumps(asdict(result.method), default=str),
+    )
+
+
+def checked_map(values: npt.NDArray[Any], what: str, *, finite: bool = True) -> npt.NDArray[np.float32]:
+    """Return a (H, W) map as float32, or raise LightFieldError if it is none, or not finite."""
+    if values.ndim != 2 or values.size == 0 or values.dtype.kind not in "fiu":
+        raise LightFieldError(
+            f"{what}: {values.dtype} array of shape {values.shape}; expected numbers of shape (H, W); "
+            "give a single map"
+        )
+    if finite and (bad := int(np.count_nonzero(~np.isfinite(values)))):
+        raise LightFieldError(
+            f"{what}: {bad} of {values.size} values are NaN or infinite; expected finite values; "
+            "repair the map"
+        )
+    return values.astype(np.float32, copy=False)
