@@ -119,10 +119,10 @@ def _matched(estimate: Array, truth: Array, resolution: Resolution) -> Array:
         return estimate
     if tuple(n * resolution.factor for n in estimate.shape) == truth.shape:
         return enlarge(estimate, (truth.shape[0], truth.shape[1]))
+    smaller = f" or {resolution.factor} times less" if resolution.factor > 1 else ""
     raise LightFieldError(
-        f"estimate: {_size(estimate)} px; expected {_size(truth)} px like the truth, or {resolution.factor} "
-        "times "
-        "less; give a map of the reference view at the size of the views"
+        f"estimate: {_size(estimate)} px; expected {_size(truth)} px like the truth{smaller}; "
+        "give a map of the reference view at the size of the views"
     )
 
 
