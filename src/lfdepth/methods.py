@@ -1,0 +1,144 @@
+"""The named methods: frozen combinations of an occlusion rule, a decoder and parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal
+
+from lfdepth.errors import LightFieldError
+
+_CHOICES: dict[str, tuple[str, ...]] = {
+    "occlusion": ("none", "skip-mask"),
+    "decoder": ("accumulate", "sfa"),
+    "delta": ("photo", "sign", "none"),
+    "gradient": ("central", "sobel"),
+    "guide": ("colour", "grey"),
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Method:
+    """A method: what it is called, what it is made of, and its parameters.
+
+    Attributes
+    ----------
+    name
+        What the method is called in tables.
+    summary
+        One sentence.
+    occlusion
+        "none", or "skip-mask" (the paper's mask from J planes in front).
+    decoder
+        "accumulate" (FBS) or "sfa" (sign function approximation).
+    step
+        Distance between planes, px per view step (`d_step`); None where `planes` is given.
+    planes
+        Number of planes instead of a step (`K`).
+    skip
+        The paper's J, planes between a mask and its use.
+    delta
+        Which votes count (δ): "photo" (level within `threshold` of the reference view's), "sign" (both signs
+        agree), "none".
+    threshold
+        For "photo", fraction of full scale (τ).
+    gradient
+        Spatial gradient, "central" or "sobel" (3×3).
+    guide
+        Guide of the smoothing, "colour" or "grey" reference view.
+    radius
+        Radius of the guided filter, px.
+    epsilon
+        ε of the guided filter, squared full scale.
+    subplane
+        Place disparities between planes at the zero crossing.
+    """
+
+    name: str
+    summary: str = ""
+    occlusion: Literal["none", "skip-mask"] = "none"
+    decoder: Literal["accumulate", "sfa"] = "sfa"
+    step: float | None = 0.05
+    planes: int | None = None
+    skip: int = 3
+    delta: Literal["photo", "sign", "none"] = "photo"
+    threshold: float = 0.1
+    gradient: Literal["central", "sobel"] = "central"
+    guide: Literal["colour", "grey"] = "colour"
+    radius: int = 4
+    epsilon: float = 1e-4
+    subplane: bool = True
+
+    def __post_init__(self) -> None:
+        for field, choices in _CHOICES.items():
+            found = getattr(self, field)
+            if found not in choices:
+                raise LightFieldError(f"{field}: found {found!r}, expected one of {', '.join(choices)}")
+        if self.skip < 1:
+            raise LightFieldError(f"skip: found J = {self.skip}, expected at least 1 plane")
+
+
+_REGISTRY = {
+    method.name: method
+    for method in (
+        Method(
+            name="fbs",
+            summary="Foreground-background separation: vote, smooth, accumulate (Lee and Park, 2017).",
+            decoder="accumulate",
+        ),
+        Method(
+            name="fbs-sfa",
+            summary="FBS with sign function approximation along the planes (Lee and Park, 2018).",
+        ),
+        Method(
+            name="fbsocc-sfa",
+            summary="FBS-SFA that excludes the foreground found J planes in front (IEEE Access, 2021).",
+            occlusion="skip-mask",
+        ),
+    )
+}
+
+NAMES: tuple[str, ...] = tuple(_REGISTRY)
+"""Names of the methods, oldest first."""
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "paper-synthetic": {"step": 0.02, "skip": 7},
+    "paper-real": {"step": 0.05, "skip": 5},
+}
+"""Parameters by the name of the paper's experiment."""
+
+
+def method(name: str | Method, **options: Any) -> Method:
+    """Look a method up by name and change some of its parameters.
+
+    Parameters
+    ----------
+    name
+        One of `NAMES`, or a `Method`.
+    **options
+        Fields to change; `planes` replaces `step`. `preset` names an entry of `PRESETS`.
+
+    Returns
+    -------
+    Method
+
+    Raises
+    ------
+    LightFieldError
+        For an unknown name, option, preset or value.
+    """
+    if isinstance(name, str):
+        if name not in _REGISTRY:
+            raise LightFieldError(f"method: found {name!r}, expected one of {', '.join(NAMES)}")
+        name = _REGISTRY[name]
+    preset = options.pop("preset", None)
+    if preset is not None:
+        if preset not in PRESETS:
+            raise LightFieldError(f"preset: found {preset!r}, expected one of {', '.join(PRESETS)}")
+        options = {**PRESETS[preset], **options}
+    known = {field.name for field in fields(Method)}
+    for option in options:
+        if option not in known:
+            raise LightFieldError(f"option: found {option!r}, expected one of {', '.join(sorted(known))}")
+    if options.get("planes") is not None:
+        options.setdefault("step", None)
+    return replace(name, **options)

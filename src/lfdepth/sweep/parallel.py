@@ -1,0 +1,75 @@
+"""Threads for the sweep's kernels.
+
+The kernels release the GIL and each works on a band of rows, so an ordinary thread pool runs them side by
+side. Bands begin at multiples of `STRIP` whatever the number of threads; a kernel that carries state from row
+to row starts afresh there, which makes results independent of the number of threads.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from types import TracebackType
+from typing import Any
+
+from lfdepth.errors import LightFieldError
+
+STRIP = 32
+"""Rows after which a kernel's running state starts afresh."""
+
+
+def default_threads() -> int:
+    """Number of processors this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+class Workers:
+    """A pool that runs `kernel(first_row, last_row, *args)` over the rows of an image.
+
+    Parameters
+    ----------
+    threads
+        Number of threads, at least 1; None takes every processor this process may use.
+
+    Raises
+    ------
+    LightFieldError
+        If `threads` is below 1.
+    """
+
+    def __init__(self, threads: int | None = None) -> None:
+        self.threads = default_threads() if threads is None else threads
+        if self.threads < 1:
+            raise LightFieldError(f"threads: found {threads}, expected at least 1")
+        self._pool = (
+            ThreadPoolExecutor(self.threads, thread_name_prefix="lfdepth") if self.threads > 1 else None
+        )
+
+    def rows(self, height: int, kernel: Callable[..., Any], *args: Any) -> None:
+        """Run the kernel over all rows and wait for it."""
+        if self._pool is None:
+            kernel(0, height, *args)
+            return
+        jobs = [self._pool.submit(kernel, first, last, *args) for first, last in bands(height, self.threads)]
+        for job in jobs:
+            job.result()
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+def bands(height: int, count: int) -> list[tuple[int, int]]:
+    """Split rows into at most `count` bands of whole strips, as even as possible."""
+    strips = -(-height // STRIP)
+    count = min(count, strips)
+    edges = [STRIP * (strips * i // count) for i in range(count)] + [height]
+    return list(zip(edges[:-1], edges[1:], strict=True))

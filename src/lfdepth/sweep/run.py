@@ -1,0 +1,179 @@
+"""Algorithm 1: one loop over the planes, front to back, that composes the blocks."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfdepth.errors import LightFieldError
+from lfdepth.lightfield import LightField
+from lfdepth.methods import Method
+from lfdepth.methods import method as named_method
+from lfdepth.sweep.decode import Accumulate, Decoder, SignStep, decided
+from lfdepth.sweep.occlusion import NoOcclusion, SkipMask
+from lfdepth.sweep.parallel import Workers
+from lfdepth.sweep.planes import check_range, disparity_planes
+from lfdepth.sweep.reparam import grey_levels, stack_views
+from lfdepth.sweep.smoothing import GuidedFilter
+from lfdepth.sweep.voting import VoteRule, vote_plane
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Volumes:
+    """Volumes of a sweep, kept only on request.
+
+    Attributes
+    ----------
+    planes
+        (K,) disparities front to back.
+    initial, smoothed, decided
+        (K, H, W) float32 in [−1, 1]: votes `C`, guided-filtered votes `C̃`, one step per pixel `Ĉ`.
+    """
+
+    planes: NDArray[np.float64]
+    initial: NDArray[np.float32]
+    smoothed: NDArray[np.float32]
+    decided: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A disparity map with its evidence.
+
+    Attributes
+    ----------
+    disparity
+        (H, W) float32, px per view step, positive nearer.
+    confidence
+        (H, W) float32 in [0, 1]: how well the profile fits one sign step, and how much evidence it had.
+    range
+        (min, max) disparity that was searched.
+    runtime
+        Seconds for the estimate, reading and compiling excluded where they came before.
+    method
+        The method with all its parameters.
+    volumes
+        The volumes, with `keep_volume=True`; else None.
+    """
+
+    disparity: NDArray[np.float32]
+    confidence: NDArray[np.float32]
+    range: tuple[float, float]
+    runtime: float
+    method: Method
+    volumes: Volumes | None = None
+
+
+def estimate(
+    lf: LightField,
+    method: str | Method = "fbsocc-sfa",
+    *,
+    range: tuple[float, float] | None = None,
+    keep_volume: bool = False,
+    threads: int | None = None,
+    progress: Progress | None = None,
+    force: bool = False,
+    **options: Any,
+) -> Result:
+    """Estimate the disparity map of the reference view.
+
+    Parameters
+    ----------
+    lf
+        Light field with at least 3 views along one axis.
+    method
+        Name of a method (`lfdepth.methods.NAMES`) or a `Method`.
+    range
+        (min, max) disparity in px per view step; None takes the light field's own.
+    keep_volume
+        Keep the volumes; memory grows by three times planes × H × W × 4 bytes.
+    threads
+        Number of threads; None takes every processor. The result does not depend on it.
+    progress
+        Called with (planes done, planes in all).
+    force
+        Allow an extreme number of planes.
+    **options
+        Fields of `Method` to change, such as `step=0.02`.
+
+    Returns
+    -------
+    Result
+
+    Raises
+    ------
+    LightFieldError
+        For an unknown method or option, or input the method cannot work with.
+    """
+    started = time.perf_counter()
+    chosen = named_method(method, **options)
+    searched = range if range is not None else lf.disparity_range
+    if searched is None:
+        raise LightFieldError(
+            f"range: {lf.name} carries none and none was given, expected MIN MAX in px per view step; "
+            "give --range MIN MAX (range=(min, max) in Python)"
+        )
+    searched = check_range(searched)
+    planes = disparity_planes(searched, step=chosen.step, count=chosen.planes, force=force)
+    size = lf.views.shape[2:4]
+    decoder = _decoder(chosen, planes, size)
+    volumes = _empty_volumes(planes, size) if keep_volume else None
+    with Workers(threads) as workers:
+        _sweep(lf, chosen, planes, decoder, volumes, workers, progress)
+    disparity = np.clip(decoder.disparity(), *searched).astype(np.float32)
+    if volumes is not None:
+        volumes.decided[:] = decided(disparity, planes)
+    return Result(disparity, decoder.confidence(), searched, time.perf_counter() - started, chosen, volumes)
+
+
+def _sweep(
+    lf: LightField,
+    method: Method,
+    planes: NDArray[np.float64],
+    decoder: Decoder,
+    volumes: Volumes | None,
+    workers: Workers,
+    progress: Progress | None,
+) -> None:
+    smoothing = GuidedFilter(guide_image(lf, method.guide), method.radius, method.epsilon)
+    occlusion = (
+        SkipMask(method.skip, planes[0] - planes[1]) if method.occlusion == "skip-mask" else NoOcclusion()
+    )
+    rule = VoteRule(method.delta, method.threshold, method.gradient)
+    stack = stack_views(lf, float(np.abs(planes).max()))
+    initial, smoothed = np.empty(stack.size, np.float32), np.empty(stack.size, np.float32)
+    for index, plane in enumerate(planes):
+        vote_plane(stack, float(plane), rule, occlusion.mask(index), workers, initial)
+        smoothing.smooth_plane(initial, workers, smoothed)
+        occlusion.update(index, smoothed)
+        decoder.update(index, smoothed, workers)
+        if volumes is not None:
+            volumes.initial[index], volumes.smoothed[index] = initial, smoothed
+        if progress is not None:
+            progress(index + 1, len(planes))
+
+
+def guide_image(lf: LightField, guide: str) -> NDArray[np.float32]:
+    """The reference view in [0, 1] as a filter guide: (H, W, 3) for "colour" where there is colour, else (H, W, 1)."""
+    if guide == "colour":
+        return lf.reference.astype(np.float32) / np.float32(lf.full_scale)
+    grey = grey_levels(lf.reference)
+    return (grey.astype(np.float32) / np.float32(255 if grey.dtype == np.uint8 else 65535))[..., None]
+
+
+def _decoder(method: Method, planes: NDArray[np.float64], size: tuple[int, int]) -> Decoder:
+    if method.decoder == "accumulate":
+        return Accumulate(planes, size)
+    return SignStep(planes, size, subplane=method.subplane)
+
+
+def _empty_volumes(planes: NDArray[np.float64], size: tuple[int, int]) -> Volumes:
+    shape = (len(planes), *size)
+    return Volumes(planes, *(np.empty(shape, np.float32) for _ in "123"))
