@@ -1,0 +1,333 @@
+"""Scenes against the geometry and the textures they are said to have."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy.ndimage import distance_transform_edt, map_coordinates
+
+from lfdepth import scenes
+from lfdepth.errors import LightFieldError
+from lfdepth.lightfield import LightField
+from lfdepth.scenes import kernels, textures
+from lfdepth.scenes.model import Ellipsoid, Facets, Layer, Paint, Plane, Scene, ellipse, pack
+from lfdepth.scenes.suite import SUITE, Stage
+
+SIZE = (120, 136)
+Float = npt.NDArray[np.float64]
+
+_RENDERED: dict[str, LightField] = {}
+
+
+def scene(name: str) -> LightField:
+    """Noise-free small light field, rendered once."""
+    if name not in _RENDERED:
+        size = (256, 256) if name == "fence" else SIZE  # its meshes have to be wider than a shift
+        _RENDERED[name] = scenes.render(name, size=size, views=3, seed=3, noise=0)
+    return _RENDERED[name]
+
+
+def truth_of(lf: LightField) -> npt.NDArray[np.float32]:
+    assert lf.truth is not None
+    return lf.truth
+
+
+def spline(texture: npt.NDArray[np.float32], x: Any, y: Any) -> Float:
+    """SciPy's cubic B-spline with the texture as coefficients."""
+    at = np.atleast_1d(y), np.atleast_1d(x)
+    channels = [
+        map_coordinates(texture[..., c].astype(float), at, order=3, prefilter=False, mode="grid-wrap")
+        for c in range(3)
+    ]
+    return np.stack(channels, axis=-1).reshape(*np.shape(x), 3)
+
+
+def random_texture(seed: int = 0, n: int = 64) -> npt.NDArray[np.float32]:
+    return np.random.default_rng(seed).uniform(20, 235, (n, n, 3)).astype(np.float32)
+
+
+def solve(surface: Any, x: float, y: float, u: float, v: float, low: float, high: float) -> float:
+    """Largest D at which the ray's point (x + D·u, y + D·v) has that disparity, by scanning."""
+    ds = np.linspace(high, low, 20001)
+    gap = ds - surface(x + ds * u, y + ds * v)
+    hit = np.flatnonzero((gap[:-1] > 0) & (gap[1:] <= 0))
+    if hit.size == 0:
+        return float("nan")
+    i = hit[0]
+    return float(ds[i] + (ds[i + 1] - ds[i]) * gap[i] / (gap[i] - gap[i + 1]))
+
+
+def warp_error(lf: LightField, disparity: npt.NDArray[np.float32], v: int, u: int) -> Float:
+    """Mean absolute difference over channels of the reference and view (u, v) warped onto it, (H, W)."""
+    y, x = np.mgrid[: lf.height, : lf.width].astype(float)
+    view = lf.views[lf.centre[0] + v, lf.centre[1] + u].astype(float)
+    at = [y - disparity * v, x - disparity * u]
+    warped = np.stack([map_coordinates(view[..., c], at, order=3, mode="mirror") for c in range(3)], axis=-1)
+    return np.asarray(np.abs(warped - lf.reference).mean(axis=-1))
+
+
+def away_from_edges(lf: LightField, views_away: int) -> npt.NDArray[np.bool_]:
+    """Pixels whose way into a view crosses neither the border nor a depth edge."""
+    truth = truth_of(lf)
+    reach = views_away * float(truth.max() - truth.min()) + 2
+    jump = np.zeros(truth.shape, dtype=bool)
+    for axis in (0, 1):
+        step = np.abs(np.diff(truth, axis=axis)) > 0.08
+        jump |= np.pad(step, [(0, 1) if a == axis else (0, 0) for a in (0, 1)])
+    border = int(np.ceil(views_away * np.abs(truth).max())) + 4
+    inside = np.zeros(truth.shape, dtype=bool)
+    inside[border:-border, border:-border] = True
+    return np.asarray(inside & (distance_transform_edt(~jump) > reach))
+
+
+def test_a_view_is_the_texture_at_the_shifted_point() -> None:
+    texture, disparity = random_texture(), 0.73
+    packed = pack(Scene([Layer(Plane(disparity), Paint(texture))]))
+    y, x = np.mgrid[:20, :31]
+    for u, v in ((0, 0), (3, -2), (-4, 1)):
+        picture = kernels.render_view(packed, float(u), float(v), 20, 31, 1)
+        expected = spline(texture, x + disparity * u, y + disparity * v)
+        np.testing.assert_allclose(picture, expected, atol=2e-3)
+
+
+def test_a_pixel_is_the_mean_of_its_samples() -> None:
+    texture = random_texture(1)
+    picture = kernels.render_view(pack(Scene([Layer(Plane(0.0), Paint(texture))])), 0.0, 0.0, 5, 6, 3)
+    y, x = np.mgrid[:15, :18] / 3 - 1 / 3
+    expected = spline(texture, x, y).reshape(5, 3, 6, 3, 3).mean(axis=(1, 3))
+    np.testing.assert_allclose(picture, expected, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("surface", "formula"),
+    [
+        (Plane(0.2, 0.02, -0.03, 10, 8), lambda x, y: 0.2 + 0.02 * (x - 10) - 0.03 * (y - 8)),
+        (
+            Facets([Plane(0.9, -0.05, 0, 12, 0), Plane(0.9, 0.04, 0.01, 12, 0), Plane(0.6)]),
+            lambda x, y: np.minimum(
+                np.minimum(0.9 - 0.05 * (x - 12), 0.9 + 0.04 * (x - 12) + 0.01 * y), 0.6 + 0 * x
+            ),
+        ),
+        (
+            Facets([Plane(-0.9, -0.05, 0, 12, 0), Plane(-0.9, 0.04, 0.01, 12, 0)], hollow=True),
+            lambda x, y: np.maximum(-0.9 - 0.05 * (x - 12), -0.9 + 0.04 * (x - 12) + 0.01 * y),
+        ),
+        (
+            Ellipsoid(12, 9, 11, 8, -0.3, 1.1),
+            lambda x, y: -0.3 + 1.1 * np.sqrt(1 - ((x - 12) / 11) ** 2 - ((y - 9) / 8) ** 2),
+        ),
+    ],
+)
+def test_views_solve_the_surface_equation(surface: Any, formula: Any) -> None:
+    texture = random_texture(2)
+    packed = pack(Scene([Layer(surface, Paint(texture))]))
+    truth, _ = kernels.trace(packed, np.arange(18.0), 24, 0.0, 1.0)
+    with np.errstate(invalid="ignore"):
+        for u, v in ((0.0, 0.0), (4.0, 3.0), (-3.0, 4.0)):
+            picture = kernels.render_view(packed, u, v, 18, 24, 1)
+            for x, y in ((6, 6), (12, 9), (15, 11), (17, 7)):
+                d = solve(formula, x, y, u, v, -3, 3)
+                expected = spline(texture, x + u * d, y + v * d)
+                np.testing.assert_allclose(picture[y, x], expected, atol=0.05)
+                np.testing.assert_allclose(truth[y, x], formula(float(x), float(y)), atol=1e-5)
+
+
+def test_a_dent_is_seen_through_its_mouth_only() -> None:
+    mouth = ellipse(16, 16, 8, 8)
+    flat = Layer(Plane(0.5), Paint(random_texture()), holes=[mouth])
+    dent = Layer(Ellipsoid(16, 16, 8, 8, 0.5, 0.9, far=True), Paint(random_texture(1)))
+    truth, _ = kernels.trace(pack(Scene([flat, dent])), np.arange(33.0), 33, 0.0, 1.0)
+    y, x = np.mgrid[:33, :33]
+    depth = np.sqrt(np.maximum(0, 1 - ((x - 16) / 8) ** 2 - ((y - 16) / 8) ** 2))
+    np.testing.assert_allclose(truth, 0.5 - 0.9 * depth, atol=1e-5)
+
+
+def test_mirrored_scene_gives_mirrored_views() -> None:
+    n = 64
+    texture = random_texture(4, n)
+    mirrored = np.ascontiguousarray(
+        texture[:, ::-1]
+    )  # knot x goes to n - 1 - x, as pixels of a width of n do
+    layers = [
+        Layer(Plane(0.1, 0.01), Paint(texture)),
+        Layer(Ellipsoid(20, 30, 9, 12, 0.4, 1.0), Paint(texture)),
+    ]
+    flipped = [
+        Layer(Plane(0.1 + 0.01 * (n - 1), -0.01), Paint(mirrored)),
+        Layer(Ellipsoid(n - 1 - 20, 30, 9, 12, 0.4, 1.0), Paint(mirrored)),
+    ]
+    for u, v in ((0.0, 0.0), (2.0, 1.0)):
+        picture = kernels.render_view(pack(Scene(layers)), u, v, n, n, 2)
+        other = kernels.render_view(pack(Scene(flipped)), -u, v, n, n, 2)
+        np.testing.assert_allclose(picture, other[:, ::-1], atol=0.02)
+
+
+@pytest.mark.parametrize("name", [name for name in scenes.NAMES if name != "gloss"])
+def test_warping_by_the_truth_gives_the_reference(name: str) -> None:
+    lf = scene(name)
+    truth, seen = truth_of(lf), away_from_edges(scene(name), 1)
+    errors, wrong = [], []
+    for v, u in ((0, 1), (0, -1), (1, 0), (-1, -1)):
+        errors.append(warp_error(lf, truth, v, u)[seen])
+        wrong.append(warp_error(lf, truth + np.float32(0.25), v, u)[seen])
+    error = np.concatenate(errors)
+    assert error.size > 500
+    assert error.mean() < 0.45  # the views are rounded to whole grey levels
+    assert (
+        np.quantile(error, 0.9) < 1.0
+    )  # the rest: outlines painted on a surface, which no filter interpolates
+    assert np.concatenate(wrong).mean() > 1.6 * error.mean()
+
+
+def test_highlights_do_not_move_with_their_surface() -> None:
+    lf = scenes.render("gloss", size=192, views=5)
+    error = np.maximum(warp_error(lf, truth_of(lf), 0, 1), warp_error(lf, truth_of(lf), 0, -1))
+    away = away_from_edges(lf, 1)
+    bright = lf.reference.min(axis=-1) > 170
+    assert error[away & bright].mean() > 4 * error[away & ~bright].mean()
+
+
+@pytest.mark.parametrize("name", scenes.NAMES)
+def test_range_masks_and_description(name: str) -> None:
+    lf = scene(name)
+    truth = truth_of(lf)
+    assert lf.disparity_range == pytest.approx((truth.min() - 0.1, truth.max() + 0.1), abs=1e-6)
+    assert lf.name == name
+    assert len(scenes.describe(name)) > 20
+    assert all(mask.any() and not mask.all() for mask in lf.masks.values())
+    assert 15 < lf.reference.mean() < 240
+    assert lf.camera is not None
+    depth = lf.camera.disparity_to_depth(truth)
+    assert np.isfinite(depth).all()
+    np.testing.assert_allclose(lf.camera.depth_to_disparity(depth), truth, atol=1e-5)
+
+
+@pytest.mark.parametrize("span", [1, 4, 8])
+def test_range_scenes_span_what_they_say(span: int) -> None:
+    truth = truth_of(scene(f"range-{span}"))
+    assert float(truth.max() - truth.min()) == pytest.approx(span, abs=0.01)
+
+
+def test_wall_of_the_bars_is_its_plane() -> None:
+    lf = scene("bars")
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]]
+    wall = -1.5 + 1.0 * x / (SIZE[1] - 1) + 0.2 * y / (SIZE[0] - 1)
+    behind = ~lf.masks["thin"]
+    assert behind.mean() > 0.4
+    np.testing.assert_allclose(truth_of(lf)[behind], wall[behind], atol=1e-5)
+    assert (truth_of(lf) > wall + 0.1)[lf.masks["thin"]].all()
+
+
+def test_sphere_is_a_sphere() -> None:
+    lf = scene("sphere")
+    y, x = np.mgrid[: SIZE[0], : SIZE[1]]
+    r = np.hypot(x - 0.44 * (SIZE[1] - 1), y - 0.47 * (SIZE[0] - 1)) / (0.3 * SIZE[0])
+    ball = -0.1 + 1.6 * np.sqrt(np.maximum(0, 1 - r * r))
+    inner = r < 0.98
+    np.testing.assert_allclose(truth_of(lf)[inner], ball[inner], atol=1e-5)
+    assert lf.masks["smooth"][inner].all()
+
+
+def test_occlusion_boundary_is_within_five_pixels_of_a_jump() -> None:
+    lf = scene("demo")
+    truth, mask = truth_of(lf), lf.masks["occlusion_boundary"]
+    edge = np.zeros(truth.shape, dtype=bool)
+    for y in range(SIZE[0]):
+        for x in range(SIZE[1]):
+            for a, b in ((y + 1, x), (y, x + 1)):
+                # steeper than any slope here but the vase's at its rim, which is a jump itself
+                if a < SIZE[0] and b < SIZE[1] and abs(float(truth[y, x]) - float(truth[a, b])) > 0.12:
+                    edge[y, x] = edge[a, b] = True
+    distance = distance_transform_edt(~edge)
+    assert not mask[distance > 7].any()
+    assert mask[distance <= 4].all()
+
+
+def test_textureless_is_where_the_picture_is_flat() -> None:
+    lf = scene("room")
+    flat = lf.masks["textureless"]
+    assert 0.3 < flat.mean() < 0.95
+    values = lf.reference.astype(float)
+    for y, x in np.argwhere(flat[4:-4, 4:-4])[::97] + 4:
+        assert values[y - 4 : y + 5, x - 4 : x + 5].std(axis=(0, 1)).max() < 1.5 + 0.3  # rounding adds 0.29
+    for y, x in np.argwhere(~flat[4:-4, 4:-4])[::97] + 4:
+        assert values[y - 4 : y + 5, x - 4 : x + 5].std(axis=(0, 1)).max() > 1.5 - 0.3
+
+
+def test_noise_has_its_level() -> None:
+    clean = scenes.render("room", size=96, views=3, noise=0).views.astype(float)
+    noisy = scenes.render("room", size=96, views=3, noise=6).views.astype(float)
+    grey = np.abs(clean - 128) < 8
+    assert grey.sum() > 2000
+    assert (noisy - clean)[grey].std() == pytest.approx(6, rel=0.05)
+    bright = np.abs(clean - 190) < 10
+    assert (noisy - clean)[bright].std() == pytest.approx(6 * np.sqrt(0.25 + 0.75 * 190 / 128), rel=0.06)
+    first, second = (noisy - clean)[0, 0], (noisy - clean)[0, 1]
+    assert abs(np.corrcoef(first.ravel(), second.ravel())[0, 1]) < 0.03
+
+
+@pytest.mark.parametrize("name", ["demo", "noise-1"])
+def test_seed_decides_every_byte_and_threads_none(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    once = scenes.render(name, size=64, views=3, seed=5)
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    again = scenes.render(name, size=64, views=3, seed=5)
+    other = scenes.render(name, size=64, views=3, seed=6)
+    assert once.views.tobytes() == again.views.tobytes()
+    assert truth_of(once).tobytes() == truth_of(again).tobytes()
+    assert once.views.tobytes() != other.views.tobytes()
+
+
+def test_grids_and_sizes_of_any_parity() -> None:
+    lf = scenes.render("fence", size=(48, 70), views=(4, 3))
+    assert lf.shape == (4, 3, 48, 70, 3)
+    whole = scenes.render("fence", size=(48, 70), views=5)
+    np.testing.assert_array_equal(lf.views, whole.views[:4, 1:4])
+
+
+def test_textures_stay_in_range_and_fade_in_places() -> None:
+    rng = np.random.default_rng(0)
+    for texture in (
+        textures.natural(rng, 128, [(120, 90, 60), (60, 90, 120)], contrast=40),
+        textures.plain(rng, 128, (230, 230, 230), swing=20),
+        textures.striped(rng, 128, [(120, 90, 60)], bands=8),
+    ):
+        assert texture.dtype == np.float32
+        assert texture.min() >= 20
+        assert texture.max() <= 235
+    detail = textures.natural(rng, 256, [(128, 128, 128)]).mean(axis=-1)
+    local = detail.reshape(32, 8, 32, 8).std(axis=(1, 3))
+    assert np.quantile(local, 0.05) < 1.0
+    assert np.quantile(local, 0.95) > 5.0
+
+
+def test_every_scene_is_built_at_any_size() -> None:
+    for name, recipe in SUITE.items():
+        for size in ((32, 32), (33, 150)):
+            packed = pack(recipe.build(Stage(*size, 1)))
+            truth, layers = kernels.trace(packed, np.arange(float(size[0])), size[1], 0.0, 1.0)
+            assert (layers >= 0).all(), name
+            assert np.isfinite(truth).all(), name
+
+
+@pytest.mark.parametrize(
+    ("arguments", "finding"),
+    [
+        ({"name": "nowhere"}, "scene 'nowhere' does not exist"),
+        ({"size": 16}, "size is 16x16"),
+        ({"size": (64, 20000)}, "size is 64x20000"),
+        ({"views": 2}, "views is 2x2"),
+        ({"views": (9, 19)}, "views is 9x19"),
+        ({"seed": -1}, "seed is -1"),
+        ({"noise": -0.5}, "noise is -0.5"),
+        ({"noise": float("nan")}, "noise is nan"),
+        ({"samples": 0}, "samples is 0"),
+    ],
+)
+def test_bad_arguments_are_named(arguments: dict[str, Any], finding: str) -> None:
+    with pytest.raises(LightFieldError, match=finding) as caught:
+        scenes.render(**{"name": "demo", **arguments})
+    assert "\n" not in str(caught.value)
+    assert "expected" in str(caught.value)
