@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from math import isfinite
+from dataclasses import asdict, dataclass, fields, replace
+from math import inf, isfinite
 from typing import Any
 
 import numpy as np
@@ -159,6 +159,8 @@ class Camera:
 
     def crop(self, x: int, y: int, width: int, height: int) -> Camera:
         """Camera of a window of the picture: same rays, same pixel pitch."""
+        if (x, y, width, height) == (0, 0, self.width, self.height):
+            return self
         cx, cy = self.principal_point
         return replace(
             self,
@@ -167,3 +169,58 @@ class Camera:
             height=height,
             centre=(cx - x, cy - y),
         )
+
+    def scaled(self, scale: float) -> Camera:
+        """Camera of the picture shrunk by a factor: same rays, larger pixels.
+
+        Pixel x of the small picture has its centre at ``(x + 1/2) / scale - 1/2`` of the large one.
+        """
+        if scale == 1:
+            return self
+        width, height = int(self.width * scale + 1e-9), int(self.height * scale + 1e-9)
+        cx, cy = self.principal_point
+        return replace(
+            self,
+            sensor_size_mm=self.pixel_pitch_mm / scale * max(width, height),
+            width=width,
+            height=height,
+            centre=((cx + 0.5) * scale - 0.5, (cy + 0.5) * scale - 0.5),
+        )
+
+
+@dataclass(frozen=True)
+class CameraOptions:
+    """Values of a camera given by hand; None leaves what the file says.
+
+    Parameters
+    ----------
+    baseline_mm, focal_length_mm, sensor_size_mm, focus_distance_m : float, optional
+        As in `Camera`, for the whole views before any crop. Where the file knows no camera, the first three
+        are needed together, and the focus distance is infinite unless given: parallel cameras.
+    """
+
+    baseline_mm: float | None = None
+    focal_length_mm: float | None = None
+    sensor_size_mm: float | None = None
+    focus_distance_m: float | None = None
+
+    def apply(self, known: Camera | None, width: int, height: int) -> Camera | None:
+        """Camera of views of a size, from these values over the known ones; None if there are neither.
+
+        Raises
+        ------
+        LightFieldError
+            If some values are given but one that is needed is not, or a value is impossible.
+        """
+        given = {name: value for name, value in asdict(self).items() if value is not None}
+        if known:
+            return replace(known, **given)
+        if not given:
+            return None
+        absent = [f.name for f in fields(self)[:3] if f.name not in given]
+        if absent:
+            raise LightFieldError(
+                f"camera: {', '.join(given)} given but not {', '.join(absent)}; expected all of baseline_mm, "
+                "focal_length_mm and sensor_size_mm, as the file knows no camera; give the others too"
+            )
+        return Camera(**{"focus_distance_m": inf, "width": width, "height": height} | given)

@@ -17,7 +17,7 @@ FULL_SCALE: Mapping[str, float] = {"uint8": 255.0, "uint16": 65535.0, "float32":
 """The value of white for each sample type that views may have."""
 
 MIN_VIEWS = 3
-"""Fewest views along either axis of the grid."""
+"""Fewest views along an axis of the grid that has more than one."""
 
 # Rec. 601 luma: what published methods of this family mean by "grey".
 _LUMA = np.array([0.299, 0.587, 0.114], dtype=np.float32)
@@ -35,7 +35,7 @@ class LightField:
     ----------
     views : ndarray, shape (V, U, H, W, C)
         uint8, uint16 or float32 with white at 255, 65535 and 1.0; C = 1 (grey) or 3 (RGB).
-        Float views lie in [0, 1]. V and U are at least 3, odd or even.
+        Float views lie in [0, 1]. V and U are at least 3, odd or even; one of them may be 1.
     camera : Camera, optional
         Needed only where metres are asked for.
     disparity_range : tuple of float, optional
@@ -182,10 +182,11 @@ class LightField:
             raise self._error(
                 f"views have shape {views.shape}", "(V, U, H, W, C) with C = 1 or 3", "reorder the axes"
             )
-        if min(views.shape[:2]) < MIN_VIEWS or 0 in views.shape:
+        few = any(n < MIN_VIEWS and n != 1 for n in views.shape[:2]) or views.shape[:2] == (1, 1)
+        if few or 0 in views.shape:
             raise self._error(
                 f"views have shape {views.shape}",
-                f"at least {MIN_VIEWS}x{MIN_VIEWS} views with pixels",
+                f"one or at least {MIN_VIEWS} rows and columns of views with pixels, and not a single view",
                 "add views",
             )
         if views.dtype.name not in FULL_SCALE:

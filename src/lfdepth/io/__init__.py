@@ -1,83 +1,168 @@
-"""Reading light fields, writing and reading back disparity maps."""
+"""Reading light fields, writing and reading back maps."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
+from lfdepth.camera import Camera, CameraOptions
 from lfdepth.errors import LightFieldError
-from lfdepth.io import benchmark
 from lfdepth.io.atomic import check_target
+from lfdepth.io.exr import read_exr, write_exr
+from lfdepth.io.formats import FORMATS, find_format
+from lfdepth.io.layout import Layout
 from lfdepth.io.npy import read_npy, read_npz, write_npy, write_npz
 from lfdepth.io.pfm import read_pfm, write_pfm
+from lfdepth.io.ply import write_ply
 from lfdepth.io.png import read_png, write_png
-from lfdepth.io.record import as_record, checked_map
-from lfdepth.io.source import assemble
+from lfdepth.io.record import as_depth, as_record, checked_map
+from lfdepth.io.source import Selection, assemble
+from lfdepth.io.tiff import read_tiff, write_tiff
+from lfdepth.io.zarr_store import is_zarr, read_zarr, write_zarr
 from lfdepth.lightfield import LightField
 
 if TYPE_CHECKING:
     from lfdepth.sweep.run import Result
 
-__all__ = ["check_writable", "read", "read_disparity", "write"]
+__all__ = ["FORMATS", "check_writable", "read", "read_disparity", "write"]
 
-_WRITERS = {".pfm": write_pfm, ".png": write_png, ".npy": write_npy, ".npz": write_npz}
-_READERS = {".pfm": read_pfm, ".png": read_png, ".npy": read_npy, ".npz": read_npz}
+_WRITERS = {
+    ".pfm": write_pfm,
+    ".png": write_png,
+    ".npy": write_npy,
+    ".npz": write_npz,
+    ".tif": write_tiff,
+    ".tiff": write_tiff,
+    ".exr": write_exr,
+    ".zarr": write_zarr,
+}
+_READERS = {
+    ".pfm": read_pfm,
+    ".png": read_png,
+    ".npy": read_npy,
+    ".npz": read_npz,
+    ".tif": read_tiff,
+    ".tiff": read_tiff,
+    ".exr": read_exr,
+    ".zarr": read_zarr,
+}
+_POINTS = ".ply"
 
 
-def read(path: str | Path) -> LightField:
+def read(
+    path: str | Path,
+    *,
+    format: str | None = None,
+    grid: tuple[int, int] | None = None,
+    partial: bool = False,
+    views: tuple[int, int] | None = None,
+    crop: tuple[int, int, int, int] | None = None,
+    scale: float = 1.0,
+    transpose: bool = False,
+    flip_v: bool = False,
+    flip_u: bool = False,
+    baseline_mm: float | None = None,
+    focal_length_mm: float | None = None,
+    sensor_size_mm: float | None = None,
+    focus_distance_m: float | None = None,
+) -> LightField:
     """Read a light field.
 
     Parameters
     ----------
     path : str or Path
-        A folder of the 4D Light Field Benchmark.
+        A file or folder in one of `FORMATS`, found out by looking at it.
+    format : str, optional
+        Name of the format, where looking is not enough.
+    grid : tuple of int, optional
+        (V, U), rows and columns of views as they are stored, where files only number them.
+    partial : bool
+        Absent views are meant, whatever pattern they form. Without it, only patterns that are symmetric about
+        the reference view (the centre cross, the diagonals) may lack views.
+    views : tuple of int, optional
+        (V, U) views to read around the reference view, after reordering.
+    crop : tuple of int, optional
+        Window (x, y, width, height) of every view to read, px of the stored views.
+    scale : float
+        Factor in (0, 1] by which views shrink after cropping. Disparities, their range, the truth and the
+        camera shrink with them.
+    transpose, flip_v, flip_u : bool
+        Reorder the grid of views: swap its rows and columns, then reverse its rows, its columns. The pictures
+        stay as they are. Views numbered column by column are read with ``grid=(U, V), transpose=True``.
+    baseline_mm, focal_length_mm, sensor_size_mm, focus_distance_m : float, optional
+        Camera, over what the files say; see `lfdepth.Camera`. Values are those of the whole views.
+
+    Returns
+    -------
+    LightField
+        Only what was selected is held in memory.
 
     Raises
     ------
     LightFieldError
-        If the path does not exist, is no light field, or is damaged.
+        If the path does not exist, is no light field, is damaged, or does not have what was selected.
     """
     path = Path(path)
-    if not path.exists():
-        raise LightFieldError(f"{path}: no such file or folder; expected a light field; check the path")
-    if not benchmark.recognise(path):
-        raise LightFieldError(
-            f"{path}: not recognised as a light field; expected a folder with input_Cam000.png and so on; "
-            "check the path"
-        )
-    return assemble(benchmark.open_benchmark(path))
+    _check_grid(grid)
+    source = find_format(path, format).open(path, Layout(grid, partial))
+    camera = CameraOptions(baseline_mm, focal_length_mm, sensor_size_mm, focus_distance_m)
+    return assemble(source, Selection(views, crop, scale, transpose, flip_v, flip_u, camera))
 
 
-def write(path: str | Path, result: Result | npt.NDArray[Any]) -> None:
-    """Write a disparity map in the format that the path's ending names.
+def write(
+    path: str | Path,
+    result: Result | npt.NDArray[Any],
+    *,
+    scene: LightField | None = None,
+    quantity: Literal["disparity", "depth"] = "disparity",
+    mesh: bool = False,
+) -> None:
+    """Write a map, or the points it stands for, in the format that the path's ending names.
 
     The file is complete or not there: it is written under a temporary name, then renamed.
 
     Parameters
     ----------
     path : str or Path
-        Ends in `.pfm` or `.npy` (the map), `.png` (16 bits, its scale in a `.json` beside it) or
-        `.npz` (disparity, confidence, range, runtime in s, and the method's parameters as JSON).
+        Ends in `.pfm`, `.npy`, `.tif`, `.tiff` (the map as float), `.png` (16 bits, its scale in a `.json`
+        beside it), `.exr` (map and confidence), `.npz`, `.zarr` (disparity, confidence, range, runtime in
+        s, and the method's parameters as JSON) or `.ply` (coloured points, in metres).
     result : Result or ndarray
         What `estimate` returned, or a disparity map (H, W) in px per view step.
+    scene : LightField, optional
+        Where the result comes from; needed for depth and PLY, with its camera.
+    quantity : {"disparity", "depth"}
+        What the map holds: px per view step, or metres along the optical axis.
+    mesh : bool
+        PLY only: connect the points by triangles, cut at occlusion boundaries.
 
     Raises
     ------
     LightFieldError
-        If the ending is unknown, the map is not finite, or the file cannot be written.
+        If the ending is unknown, the map is not finite, metres are asked for and the camera is unknown, or
+        the file cannot be written.
     """
     path = Path(path)
-    _check_ending(path)
-    _WRITERS[path.suffix.lower()](path, as_record(result))
+    _check_ending(path, (*_WRITERS, _POINTS))
+    record = as_record(result)
+    if path.suffix.lower() == _POINTS:
+        write_ply(path, record, *_with_camera(scene, record.values, path), mesh=mesh)
+        return
+    if mesh:
+        raise LightFieldError(f"{path}: holds no meshes; expected the ending {_POINTS}; choose it")
+    if quantity == "depth":
+        record = as_depth(record, _with_camera(scene, record.values, path)[1])
+    _WRITERS[path.suffix.lower()](path, record)
 
 
 def check_writable(path: str | Path) -> None:
     """Raise LightFieldError, before long work, if `write` would refuse the path."""
-    _check_ending(Path(path))
-    check_target(path)
+    path = Path(path)
+    _check_ending(path, (*_WRITERS, _POINTS))
+    check_target(path, replaceable=is_zarr if path.suffix.lower() == ".zarr" else None)
 
 
 def read_disparity(path: str | Path, *, finite: bool = True) -> npt.NDArray[np.float32]:
@@ -86,7 +171,8 @@ def read_disparity(path: str | Path, *, finite: bool = True) -> npt.NDArray[np.f
     Parameters
     ----------
     path : str or Path
-        A PFM, NPY, NPZ (array `disparity`) or 16-bit PNG file with its scale beside it.
+        A PFM, NPY, TIFF, OpenEXR (channel Y), NPZ or Zarr (array `disparity`) file, or a 16-bit PNG with
+        its scale beside it.
     finite : bool
         Refuse maps with NaN or infinite values.
 
@@ -101,15 +187,37 @@ def read_disparity(path: str | Path, *, finite: bool = True) -> npt.NDArray[np.f
         If the ending is unknown, the file is missing or damaged, or the map is not finite.
     """
     path = Path(path)
-    _check_ending(path)
-    if not path.is_file():
+    _check_ending(path, tuple(_READERS))
+    if not path.exists():
         raise LightFieldError(f"{path}: no such file; expected a disparity map; check the path")
     return checked_map(_READERS[path.suffix.lower()](path), str(path), finite=finite)
 
 
-def _check_ending(path: Path) -> None:
-    if path.suffix.lower() not in _WRITERS:
+def _check_ending(path: Path, known: tuple[str, ...]) -> None:
+    if path.suffix.lower() not in known:
         raise LightFieldError(
-            f"{path}: unknown ending {path.suffix or '(none)'}; expected one of {', '.join(_WRITERS)}; "
+            f"{path}: unknown ending {path.suffix or '(none)'}; expected one of {', '.join(known)}; "
             "choose one of these"
         )
+
+
+def _check_grid(grid: tuple[int, int] | None) -> None:
+    if grid is not None and min(grid) < 1:
+        raise LightFieldError(
+            f"grid: {grid[0]} rows and {grid[1]} columns; expected at least one of each; correct it"
+        )
+
+
+def _with_camera(scene: LightField | None, values: npt.NDArray[Any], path: Path) -> tuple[LightField, Camera]:
+    """The scene and its camera, if they say what metres need."""
+    if scene is None or scene.camera is None:
+        raise LightFieldError(
+            f"{path}: the camera is unknown; expected it for metres; give the scene with its baseline_mm, "
+            "focal_length_mm, sensor_size_mm and focus_distance_m"
+        )
+    if scene.shape[2:4] != values.shape:
+        raise LightFieldError(
+            f"{scene.name}: views are {scene.width}x{scene.height} px; expected the map's "
+            f"{values.shape[1]}x{values.shape[0]}; crop and scale both alike"
+        )
+    return scene, scene.camera

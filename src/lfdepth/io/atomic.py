@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+import shutil
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from uuid import uuid4
@@ -43,19 +44,51 @@ def atomic(path: str | Path) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
-def check_target(path: str | Path) -> None:
-    """Raise LightFieldError unless a file can be written at `path`: a check before long work."""
-    _create(Path(path)).unlink()
+@contextmanager
+def atomic_folder(path: str | Path, replaceable: Callable[[Path], bool]) -> Iterator[Path]:
+    """Like `atomic` for formats that are folders; yields an empty one.
+
+    An existing folder gives way only if `replaceable` says that it holds the same kind of thing.
+    """
+    path = Path(path)
+    temporary = _create(path, folder=True, replaceable=replaceable)
+    old = temporary.with_suffix(".old")
+    try:
+        yield temporary
+        target = _target(path)
+        if target.exists():
+            target.rename(old)
+        temporary.rename(target)
+    except OSError as error:
+        raise _unwritable(path, error) from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+        shutil.rmtree(old, ignore_errors=True)
 
 
-def _create(path: Path) -> Path:
-    """Create an empty file beside the target, with the permissions that a new file gets."""
+def check_target(path: str | Path, replaceable: Callable[[Path], bool] | None = None) -> None:
+    """Raise LightFieldError unless `path` can be written: a check before long work.
+
+    `replaceable` says of an existing folder whether it may give way; without it, none may.
+    """
+    _create(Path(path), replaceable=replaceable).unlink()
+
+
+def _create(path: Path, *, folder: bool = False, replaceable: Callable[[Path], bool] | None = None) -> Path:
+    """Create an empty file or folder beside the target, with the permissions that a new one gets."""
     try:
         target = _target(path)
-        if target.is_dir():
+        if target.is_dir() and not (replaceable and replaceable(target)):
             raise LightFieldError(f"{path}: is a folder; expected a file name; add one")
+        if folder and target.is_file():
+            raise LightFieldError(
+                f"{path}: is a file; expected to write a folder; remove it or choose another"
+            )
         temporary = target.with_name(f".{target.stem[:100]}-{uuid4().hex[:8]}{target.suffix}")
-        os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+        if folder:
+            temporary.mkdir()
+        else:
+            os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
     except OSError as error:
         raise _unwritable(path, error) from error
     return temporary

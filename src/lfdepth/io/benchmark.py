@@ -6,7 +6,6 @@ import re
 from configparser import ConfigParser
 from configparser import Error as ConfigError
 from dataclasses import dataclass
-from math import isqrt
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ import numpy.typing as npt
 
 from lfdepth.camera import Camera
 from lfdepth.errors import LightFieldError
+from lfdepth.io.layout import Layout, size
 from lfdepth.io.pfm import read_pfm
 from lfdepth.io.picture import read_picture
 from lfdepth.io.record import checked_map
@@ -42,28 +42,35 @@ def recognise(path: Path) -> bool:
     return (path / _CONFIG).exists() or any(_VIEW.fullmatch(file.name) for file in path.iterdir())
 
 
-def open_benchmark(path: Path) -> ViewSource:
+def open_benchmark(path: Path, layout: Layout) -> ViewSource:
     """Open a folder with `input_CamNNN.png`, numbered row by row from the top left view.
 
-    `parameters.cfg` gives grid, camera and disparity range. Without it the number of views has to be a
+    `parameters.cfg` gives grid, camera and disparity range. Without it the grid is the one asked for or a
     square, and the light field has no camera and no range. `gt_disp_lowres.pfm` becomes the truth, and every
     `mask_NAME_lowres.png` the mask NAME.
 
     Raises
     ------
     LightFieldError
-        If views are missing or too many, `parameters.cfg` is garbled or contradicts the files, or the truth
-        or a mask is damaged or of another size.
+        If views are missing and it is not meant, or there are too many; if `parameters.cfg` is garbled or
+        contradicts the files or the grid asked for; if the truth or a mask is damaged or of another size.
     """
     parameters = read_parameters(path / _CONFIG) if (path / _CONFIG).exists() else None
-    grid = parameters.grid if parameters else _square_grid(path)
-    files = _view_files(path, grid)
+    files = _view_files(path)
+    grid = parameters.grid if parameters else layout.of_count(max(files, default=-1) + 1, str(path))
+    present = _present(path, files, grid, layout)
     if parameters:
-        _check_resolution(files[0], parameters.camera)
+        _check_resolution(next(iter(files.values())), parameters.camera)
+
+    def file(v: int, u: int) -> Path:
+        number = v * grid[1] + u
+        return files.get(number, path / _view_name(number))
+
     return ViewSource(
         grid=grid,
-        read_view=lambda v, u: read_picture(files[v * grid[1] + u]),
-        describe=lambda v, u: str(files[v * grid[1] + u]),
+        read_view=lambda v, u: read_picture(file(v, u)),
+        describe=lambda v, u: str(file(v, u)),
+        present=present,
         camera=parameters.camera if parameters else None,
         disparity_range=parameters.disparity_range if parameters else None,
         truth=checked_map(read_pfm(path / _TRUTH), str(path / _TRUTH)) if (path / _TRUTH).exists() else None,
@@ -123,35 +130,34 @@ def read_parameters(path: Path) -> Parameters:
     return Parameters(camera, grid, disparity_range)
 
 
-def _square_grid(path: Path) -> tuple[int, int]:
-    count = sum(1 for file in path.iterdir() if _VIEW.fullmatch(file.name))
-    side = isqrt(count)
-    if side * side != count:
-        raise LightFieldError(
-            f"{path}: {count} views input_CamNNN.png and no {_CONFIG}; expected a square number of views, "
-            f"or {_CONFIG} to give the grid; add the missing ones"
-        )
-    return side, side
-
-
-def _view_files(path: Path, grid: tuple[int, int]) -> list[Path]:
-    """View files in row-major order; every one there, and no other."""
+def _view_files(path: Path) -> dict[int, Path]:
+    """View files by their number, in order."""
     found = {int(match[1]): file for file in path.iterdir() if (match := _VIEW.fullmatch(file.name))}
-    count = grid[0] * grid[1]
-    expected = f"{count} views input_Cam000.png to input_Cam{count - 1:03d}.png ({grid[1]}x{grid[0]} cameras)"
-    missing = sorted(set(range(count)) - set(found))
-    if missing:
+    return dict(sorted(found.items()))
+
+
+def _view_name(number: int) -> str:
+    return f"input_Cam{number:03d}.png"
+
+
+def _present(
+    path: Path, files: dict[int, Path], grid: tuple[int, int], layout: Layout
+) -> npt.NDArray[np.bool_] | None:
+    if layout.grid not in (None, grid):
         raise LightFieldError(
-            f"{path}: {len(missing)} views missing, first input_Cam{missing[0]:03d}.png; "
-            f"expected {expected}; copy them there"
+            f"{path}: grid of {size(grid)} in {_CONFIG}; expected {size(layout.grid or grid)} as asked for; "
+            "leave the grid out or correct it"
         )
-    surplus = sorted(set(found) - set(range(count)))
+    count = grid[0] * grid[1]
+    surplus = [file for number, file in files.items() if number >= count]
     if surplus:
         raise LightFieldError(
-            f"{path}: {len(surplus)} surplus views, first {found[surplus[0]].name}; expected {expected}; "
-            f"remove them or correct num_cams_x and num_cams_y in {_CONFIG}"
+            f"{path}: {len(surplus)} surplus views, first {surplus[0].name}; expected {count} views in a "
+            "grid of "
+            f"{size(grid)}; remove them or correct num_cams_x and num_cams_y in {_CONFIG}"
         )
-    return [found[index] for index in range(count)]
+    present = np.isin(np.arange(count), list(files)).reshape(grid)
+    return layout.checked(present, str(path), _view_name(int(np.argmin(present))))
 
 
 def _check_resolution(file: Path, camera: Camera) -> None:

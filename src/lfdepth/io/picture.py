@@ -1,4 +1,7 @@
-"""Pictures (PNG, JPEG, ...) as arrays: 8-bit through Pillow, 16-bit PNG through imagecodecs."""
+"""Pictures as arrays: PNG through imagecodecs, TIFF through tifffile, all others through Pillow.
+
+Pillow would reduce 16-bit colour PNG to 8 bits, and does not read 16-bit colour TIFF.
+"""
 
 from __future__ import annotations
 
@@ -9,22 +12,30 @@ import numpy as np
 import numpy.typing as npt
 
 from lfdepth.errors import LightFieldError
+from lfdepth.io import limits, signature
+from lfdepth.io.extras import need
 
-_PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
+"""File names that are taken for pictures."""
+
+# The colour type in a PNG header.
+_PNG_MODES = {0: "L", 2: "RGB", 3: "P", 4: "LA", 6: "RGBA"}
 
 
-def read_picture(path: Path) -> npt.NDArray[Any]:
+def read_picture(path: Path, *, drop_alpha: bool = False) -> npt.NDArray[Any]:
     """Decode a grey or RGB picture.
 
     Parameters
     ----------
     path : Path
-        A file that Pillow reads, 8 or 16 bits per sample.
+        PNG, TIFF, or what Pillow reads.
+    drop_alpha : bool
+        Read the colours of a PNG with alpha instead of refusing it.
 
     Returns
     -------
     ndarray, shape (H, W, C)
-        uint8 or uint16, C = 1 or 3.
+        uint8 or uint16, from TIFF also float32; C = 1 or 3.
 
     Raises
     ------
@@ -32,8 +43,7 @@ def read_picture(path: Path) -> npt.NDArray[Any]:
         If the file is missing, truncated, no picture, or neither grey nor RGB.
     """
     try:
-        deep = _is_16_bit_png(path)
-        pixels, mode = _decode_16_bit_png(path) if deep else _decode_with_pillow(path)
+        pixels, mode = _decode(path, drop_alpha)
     except FileNotFoundError:
         raise LightFieldError(f"{path}: no such file; expected a picture; check the path") from None
     except PermissionError:
@@ -41,9 +51,10 @@ def read_picture(path: Path) -> npt.NDArray[Any]:
     except LightFieldError:
         raise
     except Exception as error:  # decoders raise many kinds, from OSError to their own
+        reason = " ".join(str(error).split())[:100] or type(error).__name__
         raise LightFieldError(
-            f"{path}: not a readable picture ({_one_line(error)}); expected a complete image file; "
-            "copy or convert it again"
+            f"{path}: not a readable picture ({reason}); expected a complete image file; copy or convert "
+            "it again"
         ) from error
     if mode not in ("L", "RGB", "I;16"):
         raise LightFieldError(
@@ -52,28 +63,49 @@ def read_picture(path: Path) -> npt.NDArray[Any]:
     return pixels if pixels.ndim == 3 else pixels[..., None]
 
 
-def _is_16_bit_png(path: Path) -> bool:
+def _decode(path: Path, drop_alpha: bool) -> tuple[npt.NDArray[Any], str]:
     with path.open("rb") as file:
-        header = file.read(25)
-    return header.startswith(_PNG_SIGNATURE) and header[24:25] == b"\x10"
+        header = file.read(26)
+    if header.startswith(signature.PNG):
+        return _decode_png(path, header, drop_alpha)
+    if header.startswith(signature.TIFF):
+        return _decode_tiff(path)
+    return _decode_with_pillow(path)
 
 
-def _decode_16_bit_png(path: Path) -> tuple[npt.NDArray[Any], str]:
-    # Pillow would reduce 16-bit colour to 8 bits.
+def _decode_png(path: Path, header: bytes, drop_alpha: bool) -> tuple[npt.NDArray[Any], str]:
     import imagecodecs
 
+    mode = _PNG_MODES.get(header[25], "unknown")
+    if mode not in ("L", "RGB") and not (drop_alpha and mode == "RGBA"):
+        return np.empty((1, 1)), mode
+    width, height = (int.from_bytes(header[at : at + 4], "big") for at in (16, 20))
+    limits.check_unpacked(path, width * height * len(mode) * header[24] // 8)
     pixels = np.asarray(imagecodecs.png_decode(path.read_bytes()))
-    channels = 1 if pixels.ndim == 2 else pixels.shape[2]
-    return pixels, {1: "L", 2: "LA", 3: "RGB"}.get(channels, "RGBA")
+    channels = 1 if mode == "L" else 3
+    return (pixels if pixels.ndim == 2 else pixels[..., :channels]), "L" if channels == 1 else "RGB"
+
+
+def _decode_tiff(path: Path) -> tuple[npt.NDArray[Any], str]:
+    pixels = np.asarray(need("tifffile", "tiff", path).imread(path, key=0))
+    return as_grey_or_rgb(pixels)
+
+
+def as_grey_or_rgb(pixels: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], str]:
+    """A TIFF page in native byte order, and the mode that it would have elsewhere."""
+    if pixels.dtype.kind == "f":
+        pixels = pixels.astype(np.float32)
+    elif pixels.dtype not in (np.uint8, np.uint16):
+        return pixels, str(pixels.dtype)
+    pixels = pixels.astype(pixels.dtype.newbyteorder("="), copy=False)
+    if pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 1):
+        return pixels, "L"
+    return pixels, "RGB" if pixels.ndim == 3 and pixels.shape[2] == 3 else f"with shape {pixels.shape}"
 
 
 def _decode_with_pillow(path: Path) -> tuple[npt.NDArray[Any], str]:
-    from PIL import Image
+    from PIL import Image, ImageOps
 
     with Image.open(path) as picture:
-        mode = picture.mode.split(";16")[0] + (";16" if picture.mode.startswith("I;16") else "")
-        return np.asarray(picture), mode
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())[:100] or type(error).__name__
+        upright = ImageOps.exif_transpose(picture)  # cameras store portraits lying down
+        return np.asarray(upright), upright.mode

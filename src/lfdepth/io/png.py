@@ -12,7 +12,7 @@ import numpy.typing as npt
 from lfdepth.errors import LightFieldError
 from lfdepth.io.atomic import atomic
 from lfdepth.io.picture import read_picture
-from lfdepth.io.record import Record
+from lfdepth.io.record import Record, checked_map
 
 _WHITE = 65535
 
@@ -24,6 +24,7 @@ def write_png(path: Path, record: Record) -> None:
     """
     from PIL import Image
 
+    checked_map(record.values, f"{path}: {record.quantity}")  # depth may be infinite, which samples cannot be
     low, high = float(record.values.min()), float(record.values.max())
     scale = (high - low) / _WHITE or 1.0  # a constant map: all samples 0
     samples = np.rint((record.values.astype(np.float64) - low) / scale).astype(np.uint16)
@@ -65,14 +66,14 @@ def scale_file(path: Path) -> Path:
 def _read_scale(path: Path) -> tuple[float, float]:
     try:
         header = json.loads(path.read_text(encoding="utf-8"))
-        scale, offset = float(header["scale"]), float(header["offset"])
-        if isfinite(scale) and scale > 0 and isfinite(offset):
+        quantity, scale, offset = header["quantity"], float(header["scale"]), float(header["offset"])
+        if quantity == "disparity" and isfinite(scale) and scale > 0 and isfinite(offset):
             return scale, offset
-        found = f"scale {scale}, offset {offset}"
+        found = f"{quantity} with scale {scale}, offset {offset}"
     except FileNotFoundError:
         found = "missing"
     except (OSError, ValueError, KeyError, TypeError) as error:
         found = f"unreadable ({type(error).__name__})"
     raise LightFieldError(
-        f"{path}: {found}; expected the PNG map's scale > 0 and offset; keep it beside the picture"
+        f"{path}: {found}; expected the quantity disparity, its scale > 0 and offset; keep it beside the PNG"
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +12,7 @@ import numpy.typing as npt
 from lfdepth.errors import LightFieldError
 
 if TYPE_CHECKING:
+    from lfdepth.camera import Camera
     from lfdepth.sweep.run import Result
 
 
@@ -61,6 +62,12 @@ def as_record(result: Result | npt.NDArray[Any]) -> Record:
         runtime=result.runtime,
         parameters=json.dumps(asdict(result.method), default=str),
     )
+
+
+def as_depth(record: Record, camera: Camera) -> Record:
+    """Turn disparity into metres; infinity where a pixel is infinitely far away."""
+    depth = camera.disparity_to_depth(record.values).astype(np.float32)
+    return replace(record, values=depth, quantity="depth", unit="m")
 
 
 def checked_map(values: npt.NDArray[Any], what: str, *, finite: bool = True) -> npt.NDArray[np.float32]:

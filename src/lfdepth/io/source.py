@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lfdepth.camera import Camera
+from lfdepth.camera import Camera, CameraOptions
 from lfdepth.errors import LightFieldError
-from lfdepth.lightfield import LightField
+from lfdepth.io.scaling import scale_nearest, scale_view, scaled_size
+from lfdepth.lightfield import LightField, angular_window, check_window
 
 # Decoders release the GIL, but every thread holds one decoded view.
 _THREADS = 4
@@ -30,11 +31,22 @@ class ViewSource:
         ``read_view(v, u)`` decodes one view, (H, W, C); it may run in several threads at once.
     describe : callable
         ``describe(v, u)`` names a view in error messages, usually its file.
+    present : ndarray, shape (V, U), optional
+        Which views exist; None: all of them.
+    default_views : tuple of int, optional
+        How many views (V, U) around the reference view are read unless the caller says otherwise.
+    close : callable
+        Called when all views are read.
+    camera, disparity_range, truth, masks, name
+        As in `LightField`; truth and masks are those of the view (V // 2, U // 2).
     """
 
     grid: tuple[int, int]
     read_view: Callable[[int, int], npt.NDArray[Any]]
     describe: Callable[[int, int], str]
+    present: npt.NDArray[np.bool_] | None = None
+    default_views: tuple[int, int] | None = None
+    close: Callable[[], None] = lambda: None
     camera: Camera | None = None
     disparity_range: tuple[float, float] | None = None
     truth: npt.NDArray[np.float32] | None = None
@@ -42,36 +54,148 @@ class ViewSource:
     name: str = "light field"
 
 
-def assemble(source: ViewSource) -> LightField:
-    """Decode the views of a source, one per thread, straight into the light field.
+@dataclass(frozen=True)
+class Selection:
+    """What of a light field is read.
+
+    Parameters
+    ----------
+    views : tuple of int, optional
+        (V, U) views around the reference view.
+    crop : tuple of int, optional
+        Window (x, y, width, height) of every view, px of the stored views.
+    scale : float
+        Factor in (0, 1] by which views shrink after cropping; disparity shrinks with them.
+    transpose, flip_v, flip_u : bool
+        Reorder the grid: swap its rows and columns, then reverse its rows, its columns.
+    camera : CameraOptions
+        Values that replace those of the file.
+    """
+
+    views: tuple[int, int] | None = None
+    crop: tuple[int, int, int, int] | None = None
+    scale: float = 1.0
+    transpose: bool = False
+    flip_v: bool = False
+    flip_u: bool = False
+    camera: CameraOptions = field(default_factory=CameraOptions)
+
+
+def assemble(source: ViewSource, selection: Selection) -> LightField:
+    """Decode the selected views, one per thread, straight into the light field.
+
+    Nothing larger than the result and a few whole views is held in memory.
 
     Raises
     ------
     LightFieldError
-        If a view cannot be read, or differs from the others in size or kind.
+        If a view cannot be read, views differ in size or kind, or the selection leaves the light field.
     """
-    first = source.read_view(0, 0)
-    views = np.empty((*source.grid, *first.shape), dtype=first.dtype)
+    try:
+        return _assemble(source, selection)
+    except MemoryError:
+        raise LightFieldError(
+            f"{source.name}: too large for the memory; expected a light field that fits; "
+            "read fewer views, a crop or a smaller scale (views, crop, scale)"
+        ) from None
+    finally:
+        source.close()
 
-    def load(index: tuple[int, int]) -> None:
-        view = source.read_view(*index)
-        if view.shape != first.shape or view.dtype != first.dtype:
+
+def _assemble(source: ViewSource, selection: Selection) -> LightField:
+    stored = _stored_positions(source, selection)
+    present = None if source.present is None else source.present.reshape(-1)[stored]
+    reference = divmod(int(stored[stored.shape[0] // 2, stored.shape[1] // 2]), source.grid[1])
+    if source.present is not None and not source.present[reference]:
+        raise LightFieldError(
+            f"{source.describe(*reference)}: the reference view is absent; expected it to be there; "
+            "read other views, or another grid"
+        )
+    whole = source.read_view(*reference)
+    window = _Window.of(whole, selection, source.name)
+    first = window.view(whole)
+    views = np.zeros((*stored.shape, *first.shape), dtype=first.dtype)
+
+    def load(index: tuple[int, ...]) -> None:
+        if present is not None and not present[index]:
+            return
+        at = divmod(int(stored[index]), source.grid[1])
+        view = source.read_view(*at)
+        if view.shape != whole.shape or view.dtype != whole.dtype:
             raise LightFieldError(
-                f"{source.describe(*index)}: view is {_kind(view)} but {source.describe(0, 0)} is "
-                f"{_kind(first)}; expected views of one size and kind; convert the odd ones"
+                f"{source.describe(*at)}: view is {_kind(view)} but {source.describe(*reference)} is "
+                f"{_kind(whole)}; expected views of one size and kind; convert the odd ones"
             )
-        views[index] = view
+        views[index] = window.view(view)
 
     with ThreadPoolExecutor(_THREADS) as pool:
-        list(pool.map(load, np.ndindex(*source.grid)))
+        list(pool.map(load, np.ndindex(*stored.shape)))
+    # Reordering an even grid moves the reference view, and the truth is that of the old one.
+    same_reference = reference == (source.grid[0] // 2, source.grid[1] // 2)
     return LightField(
         views=views,
-        camera=source.camera,
-        disparity_range=source.disparity_range,
-        truth=source.truth,
-        masks=source.masks,
+        camera=window.camera(selection.camera.apply(source.camera, whole.shape[1], whole.shape[0])),
+        disparity_range=window.disparity_range(source.disparity_range),
+        truth=window.disparity(source.truth) if same_reference and source.truth is not None else None,
+        masks={key: window.map(mask) for key, mask in source.masks.items()} if same_reference else {},
+        present=None if present is None or present.all() else present,
         name=source.name,
     )
+
+
+def _stored_positions(source: ViewSource, selection: Selection) -> npt.NDArray[np.intp]:
+    """Row-major position in the file of each selected view, shape (V, U)."""
+    stored = np.arange(source.grid[0] * source.grid[1]).reshape(source.grid)
+    wanted = selection.views or source.default_views
+    if selection.transpose:
+        stored = stored.T
+        if wanted and not selection.views:
+            wanted = wanted[::-1]
+    if selection.flip_v:
+        stored = stored[::-1]
+    if selection.flip_u:
+        stored = stored[:, ::-1]
+    v, u = wanted or stored.shape
+    rows, columns = (angular_window(n, k, source.name) for n, k in zip(stored.shape, (v, u), strict=True))
+    return stored[rows, columns]
+
+
+@dataclass(frozen=True)
+class _Window:
+    """The part of every view that is read, and its scale."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+    scale: float
+
+    @staticmethod
+    def of(whole: npt.NDArray[Any], selection: Selection, what: str) -> _Window:
+        size = whole.shape[1], whole.shape[0]
+        crop: tuple[int, int, int, int] = selection.crop or (0, 0, *size)
+        check_window(crop, size, what)
+        scaled_size(crop[2:], selection.scale, what)  # raises early
+        return _Window(*crop, selection.scale)
+
+    def map(self, whole: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """Window of a map, sampled where it is scaled: averages would invent values at boundaries."""
+        return scale_nearest(self._cut(whole), self.scale)
+
+    def view(self, whole: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        return scale_view(self._cut(whole), self.scale)
+
+    def disparity(self, whole: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        return self.map(whole) * np.float32(self.scale)
+
+    def disparity_range(self, whole: tuple[float, float] | None) -> tuple[float, float] | None:
+        return whole and (whole[0] * self.scale, whole[1] * self.scale)
+
+    def camera(self, whole: Camera | None) -> Camera | None:
+        return whole and whole.crop(self.x, self.y, self.width, self.height).scaled(self.scale)
+
+    def _cut(self, whole: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        return whole[self.y : self.y + self.height, self.x : self.x + self.width]
 
 
 def _kind(view: npt.NDArray[Any]) -> str:

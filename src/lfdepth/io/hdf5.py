@@ -1,0 +1,104 @@
+"""HDF5, among it the older HCI benchmark (Wanner et al. 2013, doi:10.2312/PE.VMV.VMV13.225-226)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from lfdepth.camera import Camera
+from lfdepth.io import signature, stack
+from lfdepth.io.extras import need
+from lfdepth.io.layout import Layout
+from lfdepth.io.source import ViewSource
+
+# The files give the focal length in pixels; any sensor size states the same camera.
+_NOMINAL_SENSOR_MM = 36.0
+
+
+def recognise(path: Path) -> bool:
+    """True for an HDF5 file."""
+    return signature.starts_with(path, signature.HDF5)
+
+
+def open_hdf5(path: Path, layout: Layout) -> ViewSource:
+    """Open the light field of an HDF5 file: the dataset `LF`, or the only one with enough axes.
+
+    Files of the older HCI benchmark (attributes `dH`, `focalLength` and `shift` beside `LF`) also give the
+    camera and, from `GT_DEPTH` (V, U, H, W) in metres, the truth: ``disparity = dH · focalLength / depth -
+    shift``. Their columns of views run from right to left, and are reversed. Truth that is not finite is
+    left out.
+
+    Raises
+    ------
+    LightFieldError
+        If h5py is not installed, the file is truncated, or holds no light field.
+    """
+    file = open_file(path, "hdf5")
+    try:
+        arrays = datasets(file)
+        name = stack.choose_array({name: array.shape for name, array in arrays.items()}, path)
+        source = stack.open_stack(arrays[name], path, layout, close=file.close)
+        if name == "LF" and {"dH", "focalLength", "shift"} <= set(file.attrs):
+            return _older_benchmark(source, file, arrays)
+        return source
+    except BaseException:
+        file.close()
+        raise
+
+
+def open_file(path: Path, extra: str) -> Any:
+    """Open an HDF5 file with h5py."""
+    h5py = need("h5py", extra, path)
+    try:
+        return h5py.File(path, "r")
+    except OSError as error:
+        raise stack.unreadable(path, error) from None
+
+
+def datasets(file: Any) -> dict[str, Any]:
+    """All arrays of numbers in an HDF5 file by their path in it."""
+    found = {}
+
+    def visit(name: str, item: Any) -> None:
+        if hasattr(item, "shape") and item.shape is not None and item.dtype.kind in "uif":
+            found[name] = item
+
+    file.visititems(visit)
+    return found
+
+
+def _older_benchmark(source: ViewSource, file: Any, arrays: dict[str, Any]) -> ViewSource:
+    baseline, focal_px, shift = (
+        float(np.ravel(file.attrs[key])[0]) for key in ("dH", "focalLength", "shift")
+    )
+    v, u = source.grid
+    height, width = source.read_view(v // 2, u // 2).shape[:2]
+    truth = None
+    if "GT_DEPTH" in arrays and arrays["GT_DEPTH"].shape == (v, u, height, width):
+        truth = _truth(arrays["GT_DEPTH"][v // 2, u - 1 - u // 2], baseline * focal_px, shift)
+    camera = None
+    if baseline > 0 and focal_px > 0 and shift >= 0:
+        camera = Camera(
+            focal_length_mm=focal_px * _NOMINAL_SENSOR_MM / max(width, height),
+            sensor_size_mm=_NOMINAL_SENSOR_MM,
+            baseline_mm=baseline * 1000,
+            focus_distance_m=baseline * focal_px / shift if shift else float("inf"),
+            width=width,
+            height=height,
+        )
+    return replace(
+        source,
+        read_view=lambda row, column: source.read_view(row, u - 1 - column),
+        camera=camera,
+        truth=truth,
+    )
+
+
+def _truth(depth: npt.NDArray[Any], scale: float, shift: float) -> npt.NDArray[np.float32] | None:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        disparity = (scale / np.asarray(depth, np.float64) - shift).astype(np.float32)
+    return disparity if np.isfinite(disparity).all() else None

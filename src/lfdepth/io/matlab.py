@@ -1,0 +1,85 @@
+"""MATLAB files: version 5 to 7 through SciPy, version 7.3 (HDF5 inside) through h5py."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from lfdepth.io import hdf5, signature, stack
+from lfdepth.io.extras import need
+from lfdepth.io.layout import Layout
+from lfdepth.io.source import ViewSource
+
+
+def recognise(path: Path) -> bool:
+    """True for a MATLAB file of version 5 or later."""
+    return signature.starts_with(path, signature.MATLAB_5, signature.MATLAB_7_3)
+
+
+def open_mat(path: Path, layout: Layout) -> ViewSource:
+    """Open the light field of a MATLAB file: variable or field `LF`, or the only array with enough axes.
+
+    Files of the Light Field Toolbox have a fourth channel with weights, which is left out.
+
+    Raises
+    ------
+    LightFieldError
+        If SciPy or h5py is not installed, the file is damaged, or holds no light field.
+    """
+    if signature.starts_with(path, signature.MATLAB_7_3):
+        return _open_7_3(path, layout)
+    return _open_5(path, layout)
+
+
+def _open_5(path: Path, layout: Layout) -> ViewSource:
+    scipy_io = need("scipy.io", "mat", path)
+    try:
+        variables = scipy_io.loadmat(path, simplify_cells=True)
+    except Exception as error:  # SciPy lets struct.error, zlib.error, TypeError and others through
+        raise stack.unreadable(path, error) from None
+    arrays = _numbers(variables)
+    name = stack.choose_array({name: array.shape for name, array in arrays.items()}, path)
+    return stack.open_stack(arrays[name], path, layout, channels=3)
+
+
+def _open_7_3(path: Path, layout: Layout) -> ViewSource:
+    file = hdf5.open_file(path, "mat")
+    try:
+        arrays = {name: _Reversed(array) for name, array in hdf5.datasets(file).items()}
+        name = stack.choose_array({name: array.shape for name, array in arrays.items()}, path)
+        return stack.open_stack(arrays[name], path, layout, close=file.close, channels=3)
+    except BaseException:
+        file.close()
+        raise
+
+
+class _Reversed:
+    """An HDF5 dataset as MATLAB sees it: with its axes in the opposite order."""
+
+    def __init__(self, array: Any) -> None:
+        self._array = array
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return tuple(self._array.shape[::-1])
+
+    @property
+    def dtype(self) -> Any:
+        return self._array.dtype
+
+    def __getitem__(self, index: tuple[Any, ...], /) -> npt.NDArray[Any]:
+        return np.asarray(self._array[index[::-1]]).T
+
+
+def _numbers(variables: dict[str, Any]) -> dict[str, npt.NDArray[Any]]:
+    """Numeric arrays among variables and the fields of structs, by their last name."""
+    found: dict[str, npt.NDArray[Any]] = {}
+    for name, value in variables.items():
+        if isinstance(value, dict):
+            found |= _numbers(value)
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "uif":
+            found[name] = value
+    return found

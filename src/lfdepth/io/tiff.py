@@ -1,0 +1,101 @@
+"""TIFF: stacks with a page for each view, and float maps."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from lfdepth.errors import LightFieldError
+from lfdepth.io import signature, stack
+from lfdepth.io.atomic import atomic
+from lfdepth.io.extras import need
+from lfdepth.io.layout import Layout
+from lfdepth.io.picture import as_grey_or_rgb
+from lfdepth.io.record import Record
+from lfdepth.io.source import ViewSource
+
+
+def recognise(path: Path) -> bool:
+    """True for a TIFF file."""
+    return signature.starts_with(path, *signature.TIFF)
+
+
+def open_tiff(path: Path, layout: Layout) -> ViewSource:
+    """Open a TIFF with a page for each view, row by row.
+
+    The grid is the one asked for, else what the file says of its axes, else a square.
+
+    Raises
+    ------
+    LightFieldError
+        If tifffile is not installed, the file is truncated, or has a single page.
+    """
+    tifffile = need("tifffile", "tiff", path)
+    try:
+        file = tifffile.TiffFile(path)
+        count, axes = len(file.pages), tuple(file.series[0].shape)
+    except Exception as error:  # tifffile raises many kinds on damaged files
+        raise stack.unreadable(path, error) from None
+    lock = Lock()  # the pages share one file handle
+
+    def read_view(v: int, u: int) -> npt.NDArray[Any]:
+        try:
+            with lock:
+                pixels, mode = as_grey_or_rgb(np.asarray(file.pages[v * grid[1] + u].asarray()))
+        except Exception as error:
+            raise stack.unreadable(path, error) from error
+        if mode not in ("L", "RGB"):
+            raise LightFieldError(f"{path}: page of {mode}; expected grey or RGB pages; convert them")
+        return pixels if pixels.ndim == 3 else pixels[..., None]
+
+    try:
+        if count < 2:
+            raise LightFieldError(
+                f"{path}: a single page; expected a page for each view; if it is an ESLF picture or a "
+                "quilt, say so "
+                "(format)"
+            )
+        shaped = len(axes) > 3 and axes[0] * axes[1] == count
+        grid = (
+            (axes[0], axes[1])
+            if shaped and not layout.grid
+            else Layout(layout.grid).of_count(count, str(path))
+        )
+    except BaseException:
+        file.close()
+        raise
+    return ViewSource(
+        grid=grid,
+        read_view=read_view,
+        describe=lambda v, u: f"{path}: page {v * grid[1] + u}",
+        close=file.close,
+        name=path.stem,
+    )
+
+
+def read_tiff(path: Path) -> npt.NDArray[Any]:
+    """Read a map.
+
+    Raises
+    ------
+    LightFieldError
+        If tifffile is not installed, or the file is damaged.
+    """
+    tifffile = need("tifffile", "tiff", path)
+    try:
+        return np.asarray(tifffile.imread(path))
+    except Exception as error:
+        raise stack.unreadable(path, error) from None
+
+
+def write_tiff(path: Path, record: Record) -> None:
+    """Write the map as 32-bit float; quantity and unit are in the description."""
+    tifffile = need("tifffile", "tiff", path)
+    description = json.dumps({"quantity": record.quantity, "unit": record.unit})
+    with atomic(path) as temporary:
+        tifffile.imwrite(temporary, record.values, description=description, metadata=None)

@@ -1,0 +1,83 @@
+"""Zarr folders, for light fields and for maps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from lfdepth.errors import LightFieldError
+from lfdepth.io import stack
+from lfdepth.io.atomic import atomic_folder
+from lfdepth.io.extras import need
+from lfdepth.io.layout import Layout
+from lfdepth.io.record import Record
+from lfdepth.io.source import ViewSource
+
+_MARKERS = ("zarr.json", ".zarray", ".zgroup")
+
+
+def is_zarr(path: Path) -> bool:
+    """True for a folder that is a Zarr array or group."""
+    return path.is_dir() and any((path / marker).exists() for marker in _MARKERS)
+
+
+def open_zarr(path: Path, layout: Layout) -> ViewSource:
+    """Open a Zarr array, or the light field in a group: `LF`, or the only array with enough axes.
+
+    Raises
+    ------
+    LightFieldError
+        If zarr is not installed, the folder is damaged, or holds no light field.
+    """
+    root = _open(path)
+    if hasattr(root, "shape"):
+        return stack.open_stack(root, path, layout)
+    arrays = dict(root.arrays())
+    name = stack.choose_array({name: array.shape for name, array in arrays.items()}, path)
+    return stack.open_stack(arrays[name], path, layout)
+
+
+def read_zarr(path: Path) -> npt.NDArray[Any]:
+    """Read the array `disparity` of a Zarr group.
+
+    Raises
+    ------
+    LightFieldError
+        If zarr is not installed, the folder is damaged, or holds no such array.
+    """
+    root = _open(path)
+    try:
+        return np.asarray(root["disparity"][:])
+    except KeyError:
+        raise LightFieldError(
+            f"{path}: holds no array 'disparity'; expected one; save the map under that name"
+        ) from None
+
+
+def write_zarr(path: Path, record: Record) -> None:
+    """Write a group with the map under its quantity's name and the confidence; the rest as attributes."""
+    zarr = need("zarr", "zarr", path)
+    attributes = {
+        "unit": record.unit,
+        "range": record.range and list(record.range),
+        "runtime": record.runtime,
+        "parameters": record.parameters,
+    }
+    with atomic_folder(path, replaceable=is_zarr) as temporary:
+        # Version 2 of the format is what older libraries read too.
+        group = zarr.open_group(str(temporary), mode="w", zarr_format=2)
+        group.create_array(record.quantity, data=record.values)
+        if record.confidence is not None:
+            group.create_array("confidence", data=record.confidence)
+        group.attrs.update({key: value for key, value in attributes.items() if value is not None})
+
+
+def _open(path: Path) -> Any:
+    zarr = need("zarr", "zarr", path)
+    try:
+        return zarr.open(str(path), mode="r")
+    except Exception as error:  # zarr raises many kinds on damaged metadata
+        raise stack.unreadable(path, error) from None
