@@ -22,6 +22,9 @@ if TYPE_CHECKING:
 HIGH_RESOLUTION_SCENES = frozenset({"backgammon", "dots", "stripes"})
 """Scenes whose BadPix, MSE and Q25 the benchmark takes at high resolution; it takes the others' at low."""
 
+_ALIASES = {"planes": "slanted", "smooth_surfaces": "smooth"}
+"""Masks of `lfdepth.scenes` that stand for a mask of the benchmark."""
+
 LOW_INSTEAD = "low-resolution truth"
 """Note at a metric of high resolution that was taken at low, for want of the truth."""
 
@@ -141,8 +144,8 @@ def _stratified() -> Iterator[Metric]:
 
 def _own() -> Iterator[Metric]:
     yield Metric("badpix_0.07_boundaries", "BadPix 0.07 near occlusion boundaries", "%", _near_boundaries)
-    for mask in ("textureless", "thin_structure"):
-        label = f"BadPix 0.07, {mask.replace('_', ' ')}"
+    for mask, label in (("textureless", "textureless areas"), ("thin", "thin structures")):
+        label = f"BadPix 0.07, {label}"
         yield Metric(f"badpix_0.07_{mask}", label, "%", _on(metrics.badpix, mask), (mask,))
     yield Metric("ause_badpix_0.07", "AUSE of BadPix 0.07", "%", _ause("badpix"), needs="confidence")
     yield Metric("ause_absolute", "AUSE of 100·|error|", "px/100", _ause("absolute"), needs="confidence")
@@ -165,6 +168,8 @@ class Scores(Mapping[str, float]):
     scores : mapping of str to float
         The metrics that the scene has, in the order of `METRICS`; last `runtime` in seconds where it is
         known.
+    resolution : mapping of str to str
+        "low" or "high" by metric key: the truth that it was taken on.
     notes : mapping of str to str
         Remarks by metric key, such as `LOW_INSTEAD`.
     missing : mapping of str to str
@@ -177,6 +182,7 @@ class Scores(Mapping[str, float]):
 
     scene: str
     scores: Mapping[str, float]
+    resolution: Mapping[str, str] = field(default_factory=dict)
     notes: Mapping[str, str] = field(default_factory=dict)
     missing: Mapping[str, str] = field(default_factory=dict)
     pixels: int = 0
@@ -196,6 +202,7 @@ class Scores(Mapping[str, float]):
         return {
             "scene": self.scene,
             "scores": dict(self.scores),
+            "resolution": dict(self.resolution),
             "notes": dict(self.notes),
             "missing": dict(self.missing),
             "pixels": self.pixels,
@@ -270,17 +277,22 @@ def evaluate(
     confidence = _checked_confidence(result_or_disparity, confidence, truth, name)
     lf = lf_or_truth if isinstance(lf_or_truth, LightField) else None
     camera = lf.camera if lf else None
-    samples = {"low": Sample(estimate, truth, lf.masks if lf else {}, LOW, camera, confidence)}
+    samples = {"low": Sample(estimate, truth, _with_aliases(lf.masks if lf else {}), LOW, camera, confidence)}
     if high is not None:
         enlarged = metrics.enlarge(estimate, _high_shape(high, truth, name))
         samples["high"] = Sample(enlarged, high.truth, high.masks, HIGH)
     return _score(name, samples, high, getattr(result_or_disparity, "runtime", None))
 
 
+def _with_aliases(masks: Mapping[str, Array]) -> dict[str, Array]:
+    return {name: masks[alias] for name, alias in _ALIASES.items() if alias in masks} | dict(masks)
+
+
 def _score(
     name: str, samples: Mapping[str, Sample], high: HighResolution | None, runtime: float | None
 ) -> Scores:
     values: dict[str, float] = {}
+    resolution: dict[str, str] = {}
     notes: dict[str, str] = {}
     missing: dict[str, str] = {}
     for metric in METRICS:
@@ -294,6 +306,7 @@ def _score(
             missing[metric.key] = "no pixel to score"
         else:
             values[metric.key] = value
+            resolution[metric.key] = sample.resolution.name
             if sample.resolution.name != wanted:
                 notes[metric.key] = LOW_INSTEAD
     if runtime is not None:
@@ -302,6 +315,7 @@ def _score(
     return Scores(
         scene=name,
         scores=values,
+        resolution=resolution,
         notes=notes,
         missing=missing,
         pixels=int(np.count_nonzero(metrics.region(low.truth))),

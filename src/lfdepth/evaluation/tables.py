@@ -1,0 +1,205 @@
+"""Tables of a bench: methods × scenes for each metric, with published rows beside the measured ones."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+from lfdepth.evaluation.bench import Bench, SceneResult
+from lfdepth.evaluation.metrics import mean_over_scenes
+from lfdepth.evaluation.published import PublishedRow, Source, published_rows
+from lfdepth.evaluation.scores import LOW_INSTEAD, METRICS, label_of
+
+BOLD = 3
+"""How many of the best are set in bold, as the paper does."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One value of a table.
+
+    Attributes
+    ----------
+    value : float or None
+    note : str
+        Why there is no value, or what is special about it.
+    resolution : str
+        "low" or "high": the truth behind it.
+    rank : int
+        1 for the best of the values that can be compared in the column; 0 where it is not ranked.
+    """
+
+    value: float | None = None
+    note: str = ""
+    resolution: str = ""
+    rank: int = 0
+
+
+@dataclass(frozen=True)
+class Row:
+    """A method: its cells by scene, and its mean over them."""
+
+    method: str
+    origin: Literal["measured", "external", "published"]
+    cells: tuple[Cell, ...]
+    mean: Cell
+    source: Source | None = None
+    device: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A metric of all methods on all scenes."""
+
+    key: str
+    label: str
+    unit: str
+    scenes: tuple[str, ...]
+    rows: tuple[Row, ...]
+
+
+def tables(result: Bench, *, published: bool = True) -> tuple[Table, ...]:
+    """A table for each metric that a scene has, in the order of `METRICS`, and one of the run times.
+
+    Published rows stand in the tables of the metrics that they have for one of the scenes. A column is ranked
+    among the values that were taken on truth of the same resolution as the measured ones; a mean is ranked if
+    it is over all scenes.
+    """
+    units = {metric.key: metric.unit for metric in METRICS} | {"runtime": "s"}
+    return tuple(
+        Table(key, label_of(key), unit, tuple(scene.name for scene in result.scenes), rows)
+        for key, unit in units.items()
+        if (rows := _rows(result, key, published))
+    )
+
+
+def _rows(result: Bench, key: str, published: bool) -> tuple[Row, ...]:
+    own = [
+        _with_mean(Row(name, origin, tuple(_cell(scene, name, key) for scene in result.scenes), Cell()))
+        for name, origin in result.methods.items()
+    ]
+    if not any(cell.value is not None for row in own for cell in row.cells):
+        return ()
+    others = list(_published(result, key)) if published else []
+    return _ranked(own, others)
+
+
+def _cell(scene: SceneResult, method: str, key: str) -> Cell:
+    entry = scene.entries.get(method)
+    if entry is None:
+        return Cell(note="failed")
+    if key == "runtime":
+        return Cell(note="no run time") if entry.runtime is None else Cell(entry.runtime)
+    if entry.scores is None:
+        return Cell(note="no truth")
+    if key not in entry.scores:
+        return Cell(note=entry.scores.missing.get(key, "–"))
+    return Cell(entry.scores[key], entry.scores.notes.get(key, ""), entry.scores.resolution[key])
+
+
+def _published(result: Bench, key: str) -> Iterator[Row]:
+    for row in published_rows():
+        cells = tuple(_published_cell(row, scene.name, key) for scene in result.scenes)
+        made = Row(row.method, "published", cells, Cell(), row.source, row.device)
+        if key == "runtime" and row.runtime is not None:
+            yield replace(made, mean=Cell(row.runtime, "on the authors' machine"))
+        elif any(cell.value is not None for cell in cells):
+            # A mean over some of the scenes would stand beside means over all of them.
+            whole = all(cell.value is not None for cell in cells)
+            yield _with_mean(made) if whole else replace(made, mean=Cell(note="–"))
+
+
+def _published_cell(row: PublishedRow, scene: str, key: str) -> Cell:
+    value = row.scores.get(key, {}).get(scene)
+    return Cell(note="–") if value is None else Cell(value, "", row.resolution(scene))
+
+
+def _with_mean(row: Row) -> Row:
+    known = [cell for cell in row.cells if cell.value is not None]
+    mean = mean_over_scenes([cell.value for cell in known])
+    if math.isnan(mean):
+        return replace(row, mean=Cell(note="no scene"))
+    resolutions = {cell.resolution for cell in known}
+    part = "" if len(known) == len(row.cells) else f"{len(known)} of {len(row.cells)} scenes"
+    return replace(row, mean=Cell(mean, part, resolutions.pop() if len(resolutions) == 1 else "mixed"))
+
+
+def _ranked(own: Sequence[Row], others: Sequence[Row]) -> tuple[Row, ...]:
+    rows = [*own, *others]
+    columns = [_rank_column([row.cells[i] for row in rows], len(own)) for i in range(len(rows[0].cells))]
+    # A mean is comparable with another where each of its scenes is.
+    comparable = [all(columns[i][number].rank for i in range(len(columns))) for number in range(len(rows))]
+    means = _rank([row.mean for row in rows], comparable)
+    return tuple(
+        replace(row, cells=tuple(column[number] for column in columns), mean=means[number])
+        for number, row in enumerate(rows)
+    )
+
+
+def _rank_column(cells: Sequence[Cell], own: int) -> list[Cell]:
+    resolution = next((cell.resolution for cell in cells[:own] if cell.value is not None), "")
+    return _rank(cells, [cell.value is not None and cell.resolution == resolution for cell in cells])
+
+
+def _rank(cells: Sequence[Cell], comparable: Sequence[bool]) -> list[Cell]:
+    pairs = list(zip(cells, comparable, strict=True))
+    values = sorted(cell.value for cell, yes in pairs if yes and cell.value is not None)
+    return [
+        replace(cell, rank=values.index(cell.value) + 1) if yes and cell.value is not None else cell
+        for cell, yes in pairs
+    ]
+
+
+def figures(value: float) -> str:
+    """Value with three significant digits, as the published tables print them; whole numbers are not cut."""
+    if value == 0:
+        return "0"
+    return f"{value:.{max(0, 2 - max(math.floor(math.log10(abs(value))), -1))}f}"
+
+
+def cell_text(cell: Cell) -> str:
+    """What stands in a cell of a plain table; a value that is not comparable carries the reason."""
+    if cell.value is None:
+        return cell.note
+    mark = cell_mark(cell)
+    return figures(cell.value) + (f" ({mark})" if mark else "")
+
+
+def cell_mark(cell: Cell) -> str:
+    """What a reader must know of a value: that it stands on other truth than it should, or on part of it."""
+    if cell.note == LOW_INSTEAD:
+        return "low"
+    return cell.note or (cell.resolution if not cell.rank else "")
+
+
+def sources(found: Iterable[Table]) -> list[Source]:
+    """Sources of the published rows, in the order of their numbers."""
+    return list(dict.fromkeys(row.source for table in found for row in table.rows if row.source))
+
+
+def markdown(table: Table, numbered: Sequence[Source]) -> str:
+    """The table in Markdown; the best three of a column in bold, published rows with their source."""
+    head = ["method", *table.scenes, "mean"]
+    lines = [
+        f"### {table.label}{f' ({table.unit})' if table.unit else ''}",
+        "",
+        "| " + " | ".join(head) + " |",
+        "|" + "---|" * len(head),
+    ]
+    for row in table.rows:
+        name = row.method if row.origin == "measured" else f"*{row.method}* ({row.origin})"
+        name += f" [{numbered.index(row.source) + 1}]" if row.source else ""
+        texts = [_markdown_cell(cell, table) for cell in (*row.cells, row.mean)]
+        lines.append("| " + " | ".join([name, *texts]) + " |")
+    return "\n".join([*lines, ""])
+
+
+def _markdown_cell(cell: Cell, table: Table) -> str:
+    return f"**{cell_text(cell)}**" if is_bold(cell, table) else cell_text(cell)
+
+
+def is_bold(cell: Cell, table: Table) -> bool:
+    """Whether a value is among the best three of several."""
+    return 1 <= cell.rank <= BOLD and len(table.rows) > 1

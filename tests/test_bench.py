@@ -1,0 +1,332 @@
+"""The bench: its scores are those of evaluate, it resumes, goes on past what fails, its report is whole."""
+
+import base64
+import csv
+import io
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import lfdepth
+from lfdepth import scenes
+from lfdepth.errors import LightFieldError
+from lfdepth.evaluation import evaluate, report
+from lfdepth.evaluation.bench import Bench, Entry, SceneResult, bench, read_external
+from lfdepth.evaluation.charts import Axis
+from lfdepth.evaluation.plan import SceneSpec, cross, read_plan, setting
+from lfdepth.evaluation.published import published_rows
+from lfdepth.evaluation.scores import Scores
+from lfdepth.evaluation.tables import Table, cell_text, figures, tables
+from lfdepth.lightfield import LightField
+from lfdepth.sweep import run
+
+METHODS = ["fbs:step=0.2", "fbs-sfa:step=0.2"]
+
+
+@pytest.fixture(scope="module")
+def scene() -> LightField:
+    return scenes.render("demo", size=64, views=3)
+
+
+@pytest.fixture
+def fixed_clock(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Every estimate takes one second; lists what was estimated, warm-up excluded."""
+    true, called = run.estimate, list[str]()
+
+    def estimate(lf: LightField, method: Any, **options: Any) -> run.Result:
+        if options.get("planes") != 3:
+            called.append(f"{lf.name}/{method.name}")
+        return replace(true(lf, method, **options), runtime=1.0)
+
+    monkeypatch.setattr(run, "estimate", estimate)
+    return called
+
+
+def outputs(folder: Path) -> dict[str, bytes]:
+    return {file.name: file.read_bytes() for file in folder.iterdir() if file.is_file()}
+
+
+def test_scores_are_those_of_evaluate(scene: LightField, tmp_path: Path) -> None:
+    bench([scene], METHODS, tmp_path)
+    results = json.loads((tmp_path / "results.json").read_text())["results"]
+    for each in results:
+        method = each["method"].split(":")[0]
+        expected = evaluate(lfdepth.estimate(scene, method, step=0.2), scene)
+        assert {**each["scores"], "runtime": 0} == {**expected, "runtime": 0}
+    table = list(csv.DictReader(io.StringIO((tmp_path / "results.csv").read_text())))
+    chosen = [row for row in table if row["metric"] == "mse_x100" and row["origin"] == "measured"]
+    assert [float(row["value"]) for row in chosen if row["scene"] == "demo"] == [
+        each["scores"]["mse_x100"] for each in results
+    ]
+
+
+def test_an_interrupted_bench_goes_on_and_ends_in_the_same_bytes(
+    scene: LightField, tmp_path: Path, fixed_clock: list[str]
+) -> None:
+    pair = [scene, replace(scene, views=scene.views[:, :, ::-1], name="other")]
+    bench(pair, METHODS, tmp_path / "whole")
+    assert len(fixed_clock) == 4
+
+    def stop(done: int, total: int, what: str) -> None:
+        if done == 3:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        bench(pair, METHODS, tmp_path / "broken", progress=stop)
+    assert outputs(tmp_path / "broken") == {}
+    assert len(fixed_clock) == 7
+    bench(pair, METHODS, tmp_path / "broken")
+    assert len(fixed_clock) == 8
+    assert outputs(tmp_path / "broken") == outputs(tmp_path / "whole")
+
+
+def test_the_cache_tells_parameters_ranges_and_views_apart(
+    scene: LightField, tmp_path: Path, fixed_clock: list[str]
+) -> None:
+    for variant, count in (
+        (scene, 1),
+        (scene, 1),
+        (replace(scene, disparity_range=(-2.0, 2.0)), 2),
+        (replace(scene, views=255 - scene.views), 3),
+    ):
+        bench([variant], ["fbs:step=0.2"], tmp_path)
+        assert len(fixed_clock) == count
+    bench([scene], ["fbs:step=0.3"], tmp_path)
+    assert len(fixed_clock) == 4
+
+
+def test_it_goes_on_past_what_fails_and_names_it(scene: LightField, tmp_path: Path) -> None:
+    rangeless = replace(scene, disparity_range=None, name="rangeless")
+    result = bench([tmp_path / "absent", rangeless, scene], ["fbs:step=0.2"], tmp_path / "out")
+    assert [each.name for each in result.scenes] == ["rangeless", "demo"]
+    assert [(each.scene, each.method) for each in result.failures] == [
+        ("absent", None),
+        ("rangeless", "fbs:step=0.2"),
+    ]
+    for name in ("report.html", "results.md", "results.json"):
+        text = (tmp_path / "out" / name).read_text()
+        assert "absent: " in text or "absent" in json.loads(text)["failures"][0]["message"]
+        assert "rangeless" in text
+
+
+def test_other_programs_results_join(scene: LightField, tmp_path: Path) -> None:
+    assert scene.truth is not None
+    maps = {"good": scene.truth, "small": scene.truth[:5], "empty": np.full_like(scene.truth, np.nan)}
+    for name, values in maps.items():
+        folder = tmp_path / name / "disp_maps"
+        folder.mkdir(parents=True)
+        header = f"Pf\n{values.shape[1]} {values.shape[0]}\n-1\n".encode()
+        (folder / "demo.pfm").write_bytes(header + values[::-1].astype("<f4").tobytes())
+    (tmp_path / "good" / "runtimes").mkdir()
+    (tmp_path / "good" / "runtimes" / "demo.txt").write_text("12.5\n")
+    (tmp_path / "empty" / "demo.txt").write_text("soon")
+    result = bench([scene], [], tmp_path / "out", external=[tmp_path / name for name in maps])
+    entries = result.scenes[0].entries
+    assert set(entries) == {"good"}
+    scores = entries["good"].scores
+    assert scores is not None
+    assert (scores["badpix_0.01"], entries["good"].runtime) == (0.0, 12.5)
+    messages = [str(each) for each in result.failures]
+    assert "demo / small: demo: estimate is 64x5 px; expected 64x64 px" in messages[0]
+    assert "found 'soon'; expected a run time in seconds" in messages[1]
+    (tmp_path / "empty" / "demo.txt").unlink()
+    result = bench([scene], [], tmp_path / "out", external=[tmp_path / "empty"])
+    assert "demo: estimate has no finite value" in str(result.failures[0])
+
+
+def test_a_missing_run_time_is_named_and_the_map_scored(scene: LightField, tmp_path: Path) -> None:
+    folder = tmp_path / "quick"
+    folder.mkdir()
+    assert scene.truth is not None
+    lfdepth.write(folder / "demo.pfm", scene.truth)
+    assert read_external(folder, "demo")[2] is None
+    result = bench([scene], [], tmp_path / "out", external=[folder])
+    assert "quick: no run time" in str(result.failures[0])
+    assert result.scenes[0].entries["quick"].scores is not None
+
+
+def test_a_scene_without_truth_has_maps_and_no_scores(scene: LightField, tmp_path: Path) -> None:
+    result = bench([replace(scene, truth=None, masks={}, name="real")], METHODS, tmp_path)
+    assert all(entry.scores is None for entry in result.scenes[0].entries.values())
+    assert len(pictures_in((tmp_path / "report.html").read_text())) == 3
+
+
+# --- the report
+
+
+def pictures_in(page: str) -> list[Image.Image]:
+    found = re.findall(r'src="data:image/webp;base64,([^"]*)"', page)
+    return [Image.open(io.BytesIO(base64.b64decode(each))) for each in found]
+
+
+def test_the_page_needs_no_other_file_and_its_pictures_load(scene: LightField, tmp_path: Path) -> None:
+    named = replace(scene, name="<b>&demo")
+    bench([named], METHODS, tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    images = pictures_in(page)
+    assert len(images) == 1 + 2 + 1 + 2 + 1  # view, maps; truth, errors; one difference
+    for image in images:
+        image.load()
+        assert image.size == (64, 64)
+    assert "<b>&demo" not in page
+    assert "{{" not in page
+    assert not re.findall(r'(?:src|href)="(?!data:)', page)
+
+
+def result_of(scores: dict[str, dict[str, float]], size: int = 32) -> Bench:
+    """Bench with a score by method and scene, of maps of noise."""
+    rng = np.random.default_rng(0)
+    names = list(next(iter(scores.values())))
+    scenes = [
+        SceneResult(
+            name,
+            rng.integers(0, 255, (size, size, 3), np.uint8),
+            np.zeros((size, size)),
+            (-1.0, 1.0),
+            {
+                method: Entry(
+                    rng.normal(0, 0.3, (size, size)),
+                    None,
+                    1.0,
+                    Scores(name, {"badpix_0.07": values[name]}, {"badpix_0.07": "low"}),
+                )
+                for method, values in scores.items()
+                if name in values
+            },
+        )
+        for name in names
+    ]
+    return Bench(tuple(scenes), dict.fromkeys(scores, "measured"))
+
+
+def badpix_table(result: Bench, *, published: bool = True) -> Table:
+    return next(each for each in tables(result, published=published) if each.key == "badpix_0.07")
+
+
+def test_pictures_are_compressed_to_the_budget(monkeypatch: pytest.MonkeyPatch) -> None:
+    result = result_of({"a": {"one": 1.0}, "b": {"one": 1.0}}, 128)
+    whole = len(report.html_text(result, ()))
+    monkeypatch.setattr(report, "BUDGET", whole // 5)
+    assert len(report.html_text(result, ())) < whole * 0.5
+
+
+def test_published_rows_rank_only_on_the_same_truth() -> None:
+    table = badpix_table(result_of({"mine": {"cotton": 0.3, "backgammon": 3.0}}))
+    mine = table.rows[0]
+    # Below 0.3 on cotton: SubFocal 0.26, LFAttNet 0.271. On backgammon, where only low-resolution truth
+    # compares: SubFocal 1.63, SPO 2.55, OACC-Net 2.57.
+    assert [cell.rank for cell in mine.cells] == [3, 4]
+    attention = next(row for row in table.rows if row.method == "LFAttNet")
+    assert [cell_text(cell) for cell in attention.cells] == ["0.271", "3.13 (high)"]
+    assert attention.mean.rank == 0
+    assert next(row for row in table.rows if row.method == "SubFocal").mean.rank == 1
+
+
+def test_a_mean_over_fewer_scenes_says_so_and_is_not_ranked() -> None:
+    table = badpix_table(result_of({"a": {"x": 1.0, "y": 3.0}, "b": {"x": 1.0}}), published=False)
+    assert cell_text(table.rows[0].mean) == "2.00"
+    assert (table.rows[1].mean.rank, table.rows[1].mean.note) == (0, "1 of 2 scenes")
+    assert cell_text(table.rows[1].cells[1]) == "failed"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"), [(12.34, "12.3"), (2.594, "2.59"), (0.0434, "0.043"), (110.0, "110"), (0.0, "0")]
+)
+def test_values_are_printed_as_in_the_published_tables(value: float, text: str) -> None:
+    assert figures(value) == text
+
+
+def test_published_averages_are_the_means_of_their_rows() -> None:
+    checked = 0
+    for row in published_rows():
+        for key, average in row.averages.items():
+            if len(row.scores.get(key, {})) == 12:
+                assert np.mean(list(row.scores[key].values())) == pytest.approx(average, abs=0.01)
+                checked += 1
+    assert checked == 10
+
+
+def test_axes_have_round_ticks_inside() -> None:
+    assert Axis("", 0.0, 9.0).ticks() == [0, 2, 4, 6, 8]
+    assert Axis("", 0.5, 20.0, log=True).ticks() == [0.5, 1, 2, 5, 10, 20]
+    assert Axis("", 1.0, 100.0, log=True).place(10.0) == pytest.approx(0.5)
+
+
+# --- what to run
+
+
+def test_settings_are_read_from_text_and_crossed() -> None:
+    each = setting("fbsocc-sfa:step=0.02,skip=7,guide=grey,subplane=false")
+    assert each.options == {"step": 0.02, "skip": 7, "guide": "grey", "subplane": False}
+    assert each.resolve().skip == 7
+    crossed = cross([setting("fbs"), setting("fbs-sfa")], [{"step": 0.1}, {"step": 0.2}])
+    assert [one.name for one in crossed] == [
+        "fbs step=0.1",
+        "fbs step=0.2",
+        "fbs-sfa step=0.1",
+        "fbs-sfa step=0.2",
+    ]
+    assert crossed[3].resolve().step == 0.2
+    with pytest.raises(LightFieldError, match="found 'step'; expected METHOD:NAME=VALUE"):
+        setting("fbs:step")
+
+
+def test_a_plan_is_read_from_toml(tmp_path: Path) -> None:
+    (tmp_path / "near").mkdir()
+    plan = tmp_path / "plan.toml"
+    plan.write_text(
+        'scenes = ["near", "leaves", { path = "far", name = "renamed", range = [-1, 2], views = 5 }]\n'
+        'methods = ["fbs", { method = "fbsocc-sfa", name = "J = 5", skip = 5 }]\n'
+        'external = ["others"]\n[[settings]]\nstep = 0.1\n'
+    )
+    found = read_plan(plan)
+    assert [spec.source for spec in found.scenes] == [tmp_path / "near", "leaves", "far"]
+    assert found.scenes[2].range == (-1.0, 2.0)
+    assert [each.name for each in found.settings] == ["fbs step=0.1", "J = 5 step=0.1"]
+    assert found.settings[1].resolve().skip == 5
+    assert found.external == (tmp_path / "others",)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("scenes = [", "plan.toml: .*expected a TOML file"),
+        ('scenes = []\nmethod = "fbs"', "unknown key 'method'"),
+        ("methods = []", "missing or unexpected 'scenes'"),
+        ('scenes = [{ path = "a", colour = 1 }]\nmethods = []', "colour"),
+        ('scenes = ["a"]\nmethods = ["fbs:step"]', "expected METHOD:NAME=VALUE"),
+    ],
+)
+def test_an_unusable_plan_is_named(text: str, message: str, tmp_path: Path) -> None:
+    (tmp_path / "plan.toml").write_text(text)
+    with pytest.raises(LightFieldError, match=message):
+        read_plan(tmp_path / "plan.toml")
+
+
+def test_unusable_arguments_are_named_before_anything_runs(scene: LightField, tmp_path: Path) -> None:
+    for lfs, methods, message in (
+        ([], METHODS, "nothing to run"),
+        ([scene], [], "nothing to run"),
+        ([scene], ["fbx"], "found 'fbx'"),
+        ([scene], ["fbs", "fbs"], "two methods are called 'fbs'"),
+        ([scene, scene], ["fbs"], "two scenes are called 'demo'"),
+    ):
+        with pytest.raises(LightFieldError, match=message):
+            bench(lfs, methods, tmp_path / "out")
+    with pytest.raises(LightFieldError, match="no such folder; expected results"):
+        bench([scene], [], tmp_path / "out", external=[tmp_path / "none"])
+    assert not (tmp_path / "out").exists()
+    (tmp_path / "file").touch()
+    with pytest.raises(LightFieldError, match="cannot be made"):
+        bench([scene], METHODS, tmp_path / "file" / "out")
+
+
+def test_a_scene_can_be_renamed_cropped_and_given_a_range(scene: LightField) -> None:
+    lf = SceneSpec(scenes.render("bars", size=32, views=5), "new", (-1.0, 1.0), 3).load()
+    assert (lf.name, lf.disparity_range, lf.shape[:2]) == ("new", (-1.0, 1.0), (3, 3))
