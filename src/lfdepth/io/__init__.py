@@ -20,6 +20,7 @@ from lfdepth.io.ply import write_ply
 from lfdepth.io.png import read_png, write_png
 from lfdepth.io.record import as_depth, as_record, checked_map
 from lfdepth.io.source import Selection, assemble
+from lfdepth.io.stack import unreadable
 from lfdepth.io.tiff import read_tiff, write_tiff
 from lfdepth.io.zarr_store import is_zarr, read_zarr, write_zarr
 from lfdepth.lightfield import LightField
@@ -107,9 +108,12 @@ def read(
     """
     path = Path(path)
     _check_grid(grid)
-    source = find_format(path, format).open(path, Layout(grid, partial))
     camera = CameraOptions(baseline_mm, focal_length_mm, sensor_size_mm, focus_distance_m)
-    return assemble(source, Selection(views, crop, scale, transpose, flip_v, flip_u, camera))
+    selection = Selection(views, crop, scale, transpose, flip_v, flip_u, camera)
+    try:
+        return assemble(find_format(path, format).open(path, Layout(grid, partial)), selection)
+    except OSError as error:  # a folder where a file should be, missing permissions
+        raise unreadable(path, error) from None
 
 
 def write(

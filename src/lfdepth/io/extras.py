@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import logging
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from lfdepth.errors import LightFieldError
+
+
+def need_tifffile(path: Path) -> Any:
+    """Import tifffile, whose complaints about damaged files must not reach the screen beside ours."""
+    tifffile = need("tifffile", "tiff", path)
+    logging.getLogger("tifffile").addHandler(logging.NullHandler())
+    return tifffile
 
 
 def need(module: str, extra: str, path: Path) -> Any:

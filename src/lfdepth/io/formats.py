@@ -67,12 +67,7 @@ def find_format(path: Path, name: str | None) -> Format:
     _check_exists(path)
     if name is not None:
         return FORMATS[name]
-    try:
-        found = next((known for known in FORMATS.values() if known.recognise(path)), None)
-    except OSError as error:
-        raise LightFieldError(
-            f"{path}: {error.strerror}; expected a readable light field; check it"
-        ) from None
+    found = next((known for known in FORMATS.values() if known.recognise(path)), None)
     if found is None:
         raise LightFieldError(
             f"{path}: not recognised as a light field; expected one of {', '.join(FORMATS)}; "

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from lfdepth.errors import LightFieldError
 from lfdepth.io import limits, signature
-from lfdepth.io.extras import need
+from lfdepth.io.extras import need_tifffile
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 """File names that are taken for pictures."""
@@ -87,7 +87,7 @@ def _decode_png(path: Path, header: bytes, drop_alpha: bool) -> tuple[npt.NDArra
 
 
 def _decode_tiff(path: Path) -> tuple[npt.NDArray[Any], str]:
-    pixels = np.asarray(need("tifffile", "tiff", path).imread(path, key=0))
+    pixels = np.asarray(need_tifffile(path).imread(path, key=0))
     return as_grey_or_rgb(pixels)
 
 

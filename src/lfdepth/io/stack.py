@@ -145,7 +145,7 @@ def _as_hwc(view: npt.NDArray[Any], axes: str) -> npt.NDArray[Any]:
 
 
 def _check_samples(dtype: np.dtype[Any], path: Path) -> None:
-    if dtype not in (np.uint8, np.uint16) and dtype.kind != "f":
+    if dtype.newbyteorder("=") not in (np.uint8, np.uint16) and dtype.kind != "f":
         raise LightFieldError(f"{path}: samples are {dtype}; expected uint8, uint16 or float; convert them")
 
 

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from lfdepth.errors import LightFieldError
 from lfdepth.io import signature, stack
 from lfdepth.io.atomic import atomic
-from lfdepth.io.extras import need
+from lfdepth.io.extras import need_tifffile
 from lfdepth.io.layout import Layout
 from lfdepth.io.picture import as_grey_or_rgb
 from lfdepth.io.record import Record
@@ -35,7 +35,7 @@ def open_tiff(path: Path, layout: Layout) -> ViewSource:
     LightFieldError
         If tifffile is not installed, the file is truncated, or has a single page.
     """
-    tifffile = need("tifffile", "tiff", path)
+    tifffile = need_tifffile(path)
     try:
         file = tifffile.TiffFile(path)
         count, axes = len(file.pages), tuple(file.series[0].shape)
@@ -56,7 +56,8 @@ def open_tiff(path: Path, layout: Layout) -> ViewSource:
     try:
         if count < 2:
             raise LightFieldError(
-                f"{path}: a single page; expected a page for each view; if it is an ESLF picture or a "
+                f"{path}: a single page; expected a page for each view; copy it again if there were more, "
+                "or if it is an ESLF picture or a "
                 "quilt, say so "
                 "(format)"
             )
@@ -86,7 +87,7 @@ def read_tiff(path: Path) -> npt.NDArray[Any]:
     LightFieldError
         If tifffile is not installed, or the file is damaged.
     """
-    tifffile = need("tifffile", "tiff", path)
+    tifffile = need_tifffile(path)
     try:
         return np.asarray(tifffile.imread(path))
     except Exception as error:
@@ -95,7 +96,7 @@ def read_tiff(path: Path) -> npt.NDArray[Any]:
 
 def write_tiff(path: Path, record: Record) -> None:
     """Write the map as 32-bit float; quantity and unit are in the description."""
-    tifffile = need("tifffile", "tiff", path)
+    tifffile = need_tifffile(path)
     description = json.dumps({"quantity": record.quantity, "unit": record.unit})
     with atomic(path) as temporary:
         tifffile.imwrite(temporary, record.values, description=description, metadata=None)

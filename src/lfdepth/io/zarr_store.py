@@ -51,7 +51,7 @@ def read_zarr(path: Path) -> npt.NDArray[Any]:
     root = _open(path)
     try:
         return np.asarray(root["disparity"][:])
-    except KeyError:
+    except (KeyError, IndexError):  # a group without it, an array
         raise LightFieldError(
             f"{path}: holds no array 'disparity'; expected one; save the map under that name"
         ) from None
