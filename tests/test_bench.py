@@ -18,6 +18,7 @@ from lfdepth import scenes
 from lfdepth.errors import LightFieldError
 from lfdepth.evaluation import evaluate, report
 from lfdepth.evaluation.bench import Bench, Entry, SceneResult, bench, read_external
+from lfdepth.evaluation.cache import Found
 from lfdepth.evaluation.charts import Axis
 from lfdepth.evaluation.plan import SceneSpec, cross, read_plan, setting
 from lfdepth.evaluation.published import published_rows
@@ -131,7 +132,7 @@ def test_other_programs_results_join(scene: LightField, tmp_path: Path) -> None:
     assert set(entries) == {"good"}
     scores = entries["good"].scores
     assert scores is not None
-    assert (scores["badpix_0.01"], entries["good"].runtime) == (0.0, 12.5)
+    assert (scores["badpix_0.01"], entries["good"].found.runtime) == (0.0, 12.5)
     messages = [str(each) for each in result.failures]
     assert "demo / small: demo: estimate is 64x5 px; expected 64x64 px" in messages[0]
     assert "found 'soon'; expected a run time in seconds" in messages[1]
@@ -145,7 +146,7 @@ def test_a_missing_run_time_is_named_and_the_map_scored(scene: LightField, tmp_p
     folder.mkdir()
     assert scene.truth is not None
     lfdepth.write(folder / "demo.pfm", scene.truth)
-    assert read_external(folder, "demo")[2] is None
+    assert read_external(folder, "demo").runtime is None
     result = bench([scene], [], tmp_path / "out", external=[folder])
     assert "quick: no run time" in str(result.failures[0])
     assert result.scenes[0].entries["quick"].scores is not None
@@ -191,9 +192,7 @@ def result_of(scores: dict[str, dict[str, float]], size: int = 32) -> Bench:
             (-1.0, 1.0),
             {
                 method: Entry(
-                    rng.normal(0, 0.3, (size, size)),
-                    None,
-                    1.0,
+                    Found(rng.normal(0, 0.3, (size, size)), runtime=1.0),
                     Scores(name, {"badpix_0.07": values[name]}, {"badpix_0.07": "low"}),
                 )
                 for method, values in scores.items()

@@ -6,25 +6,19 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
-
-import numpy as np
+from typing import Any, Literal
 
 from lfdepth.errors import LightFieldError
+from lfdepth.evaluation.cache import Cache, Found, make_folder, one_line
 from lfdepth.evaluation.metrics import Array
 from lfdepth.evaluation.plan import SceneSpec, Setting, cross, scene_names, setting
 from lfdepth.evaluation.scores import Scores, evaluate
 from lfdepth.evaluation.truth import HighResolution
 from lfdepth.lightfield import LightField
-
-if TYPE_CHECKING:
-    from lfdepth.methods import Method
 
 Progress = Callable[[int, int, str], None]
 """Called with (runs done, runs in all, what comes next)."""
@@ -48,9 +42,7 @@ class Failure:
 class Entry:
     """The result of one method on one scene; `scores` is None without truth."""
 
-    disparity: Array
-    confidence: Array | None
-    runtime: float | None
+    found: Found
     scores: Scores | None
 
 
@@ -137,9 +129,8 @@ def bench(
 
     Notes
     -----
-    A run is remembered in ``out/cache`` under a hash of the views, the disparity range, the method with all
-    its parameters and the version of the package, and its run time with it. So a bench that was interrupted
-    goes on where it stopped, and one that was complete writes the same bytes again.
+    Runs are remembered in ``out/cache`` with their run time (`Cache`). So a bench that was interrupted goes
+    on where it stopped, and one that was complete writes the same bytes again.
     """
     from lfdepth.evaluation.report import write_reports
 
@@ -147,7 +138,7 @@ def bench(
     chosen = cross([each if isinstance(each, Setting) else setting(each) for each in methods], settings)
     folders = [Path(folder) for folder in external]
     _check_plan(specs, chosen, folders)
-    cache = make_folder(Path(out) / "cache")
+    cache = Cache(make_folder(Path(out) / "cache"))
     runner = _Runner(chosen, folders, cache, threads, progress, len(specs) * len(chosen))
     found = [scene for spec in specs if (scene := runner.run(spec))]
     runner.announce("report")
@@ -182,17 +173,13 @@ def _check_plan(specs: Sequence[SceneSpec], settings: Sequence[Setting], externa
             )
 
 
-Found = tuple[Array, Array | None, float | None]
-"""Disparity, confidence, run time in s."""
-
-
 @dataclass(eq=False)
 class _Runner:
     """Runs one scene after the other and keeps count of what is done and what went wrong."""
 
     settings: Sequence[Setting]
     external: Sequence[Path]
-    cache: Path
+    cache: Cache
     threads: int | None
     progress: Progress | None
     total: int
@@ -216,17 +203,17 @@ class _Runner:
             self.done = finished
 
     def _run(self, lf: LightField, high: HighResolution | None) -> SceneResult:
-        views = content_hash(lf)
         entries: dict[str, Entry] = {}
         for each in self.settings:
             self.announce(f"{lf.name}: {each.name}")
-            entry = self._attempt(lf, high, each.name, partial(self._estimate, lf, views, each))
+            get = partial(self.cache.estimate, lf, each.resolve(), threads=self.threads)
+            entry = self._attempt(lf, high, each.name, get)
             entries |= {each.name: entry} if entry else {}
             self.done += 1
         for folder in self.external:
             entry = self._attempt(lf, high, folder.name, partial(read_external, folder, lf.name))
             entries |= {folder.name: entry} if entry else {}
-            if entry and entry.runtime is None:
+            if entry and entry.found.runtime is None:
                 self.failures.append(
                     Failure(lf.name, folder.name, "no run time; the map is scored all the same")
                 )
@@ -236,50 +223,16 @@ class _Runner:
         self, lf: LightField, high: HighResolution | None, name: str, get: Callable[[], Found]
     ) -> Entry | None:
         try:
-            disparity, confidence, runtime = get()
-            scores = (
-                evaluate(disparity, lf, confidence=confidence, high=high) if lf.truth is not None else None
-            )
-            return Entry(disparity, confidence, runtime, scores)
+            found = get()
+            if lf.truth is None:
+                return Entry(found, None)
+            return Entry(found, evaluate(found.disparity, lf, confidence=found.confidence, high=high))
         except Exception as error:  # as in `run`
             self.failures.append(Failure(lf.name, name, one_line(error)))
             return None
 
-    def _estimate(self, lf: LightField, views: str, each: Setting) -> Found:
-        """The run from the cache, or a new one that is put there."""
-        from lfdepth.io import write
-        from lfdepth.sweep.run import estimate
 
-        method = each.resolve()
-        key = f"{views} {json.dumps(asdict(method), sort_keys=True, default=str)}"
-        file = self.cache / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.npz"
-        if not file.exists():
-            _warm_up(lf, method)
-            write(file, estimate(lf, method, threads=self.threads))
-        with np.load(file) as data:
-            return data["disparity"], data["confidence"], float(data["runtime"])
-
-
-def content_hash(lf: LightField) -> str:
-    """Hash of what an estimate depends on: views, which of them are there, disparity range, version."""
-    from lfdepth import __version__
-
-    digest = hashlib.sha256(f"{__version__} {lf.views.dtype} {lf.shape} {lf.disparity_range}".encode())
-    digest.update(np.ascontiguousarray(lf.views).data)
-    if lf.present is not None:
-        digest.update(np.ascontiguousarray(lf.present).data)
-    return digest.hexdigest()
-
-
-def _warm_up(lf: LightField, method: Method) -> None:
-    """Compile what the method needs, so that run times are those of the method alone."""
-    from lfdepth.sweep.run import estimate
-
-    height, width = min(lf.height, 64), min(lf.width, 64)
-    estimate(lf.crop(0, 0, width, height), method, planes=3, step=None)
-
-
-def read_external(folder: Path, scene: str) -> tuple[Array, None, float | None]:
+def read_external(folder: Path, scene: str) -> Found:
     """Read the map and the run time, in seconds, of another program's result for a scene.
 
     Raises
@@ -295,7 +248,7 @@ def read_external(folder: Path, scene: str) -> tuple[Array, None, float | None]:
     if found is None:
         raise LightFieldError(f"{folder}: no {scene}.pfm; expected it there or in disp_maps; add the map")
     time = next((file for file in times if file.exists()), None)
-    return read_disparity(found, finite=False), None, read_runtime(time) if time else None
+    return Found(read_disparity(found, finite=False), runtime=read_runtime(time) if time else None)
 
 
 def read_runtime(file: Path) -> float:
@@ -308,20 +261,3 @@ def read_runtime(file: Path) -> float:
     if not 0 <= seconds < float("inf"):
         raise LightFieldError(f"{file}: found {text[:40]!r}; expected a run time in seconds; correct it")
     return seconds
-
-
-def one_line(error: Exception) -> str:
-    """Message of an error that a user can act on; others keep the name of their kind."""
-    text = " ".join(str(error).split())
-    return text if isinstance(error, LightFieldError) else f"{type(error).__name__}: {text}"
-
-
-def make_folder(folder: Path) -> Path:
-    """Make a folder and those above it; LightFieldError where that is impossible."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise LightFieldError(
-            f"{folder}: cannot be made ({error.strerror}); expected a writable folder; choose another"
-        ) from None
-    return folder

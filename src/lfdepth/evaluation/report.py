@@ -100,7 +100,7 @@ def json_text(result: Bench, *, published: bool) -> str:
         ],
         "results": [
             {"scene": scene.name, "method": name, "origin": result.methods[name]}
-            | {"runtime": entry.runtime}
+            | {"runtime": entry.found.runtime}
             | (entry.scores.as_dict() if entry.scores else {})
             for scene in result.scenes
             for name, entry in scene.entries.items()
@@ -289,14 +289,16 @@ def _sparsification_html(result: Bench, colours: dict[str, str]) -> str:
 
 def _has_curve(scene: SceneResult, name: str) -> bool:
     entry = scene.entries.get(name)
-    return entry is not None and entry.confidence is not None and entry.scores is not None
+    return entry is not None and entry.found.confidence is not None and entry.scores is not None
 
 
 def _sparsification_chart(scene: SceneResult, colours: dict[str, str]) -> str:
     curves: list[Curve] = []
     for name, entry in scene.entries.items():
-        if entry.confidence is not None and scene.truth is not None:
-            found = metrics.sparsification(entry.disparity, scene.truth, entry.confidence, steps=50)
+        if entry.found.confidence is not None and scene.truth is not None:
+            found = metrics.sparsification(
+                entry.found.disparity, scene.truth, entry.found.confidence, steps=50
+            )
             x = (100 * found.dropped).tolist()
             curves.append(Curve(name, x, found.error.tolist(), colours[name]))
             curves.append(Curve(f"{name}, ideal", x, found.oracle.tolist(), colours[name], dashed=True))
@@ -335,7 +337,7 @@ def _scene_html(scene: SceneResult, compare: Sequence[tuple[str, str]], coding: 
 
 def _maps_html(scene: SceneResult, coding: Coding) -> str:
     """The reference view and each method's map."""
-    maps = {name: entry.disparity for name, entry in scene.entries.items()}
+    maps = {name: entry.found.disparity for name, entry in scene.entries.items()}
     range = _range(scene)
     pictures = [
         _picture(
@@ -350,8 +352,8 @@ def _errors_html(scene: SceneResult, truth: Array, coding: Coding) -> str:
     """The truth and each method's signed error."""
     pictures = [_picture(disparity_colours(truth, _range(scene)), "truth", coding)]
     for name, entry in scene.entries.items():
-        pixels = error_colours(_rounded(entry.disparity - truth), np.zeros_like(truth))
-        caption = f"{name}: {score_line(entry.disparity, truth)}"
+        pixels = error_colours(_rounded(entry.found.disparity - truth), np.zeros_like(truth))
+        caption = f"{name}: {score_line(entry.found.disparity, truth)}"
         pictures.append(_picture(pixels, caption, coding))
     return _line_html(pictures, _scale(f"−{ERROR_LIMIT} too far", f"+{ERROR_LIMIT} px too near", "signed"))
 
@@ -363,7 +365,7 @@ def _differences_html(
     pictures = []
     for pair in compare:
         if set(pair) <= set(scene.entries):
-            a, b = (_rounded(scene.entries[name].disparity - truth) for name in pair)
+            a, b = (_rounded(scene.entries[name].found.disparity - truth) for name in pair)
             pixels = difference_colours(a, b, np.zeros_like(truth))
             caption = f"{pair[0]} against {pair[1]}"
             pictures.append(_picture(pixels, caption, coding))
@@ -387,7 +389,7 @@ def _line_html(pictures: Sequence[str], scale: str) -> str:
 def _range(scene: SceneResult) -> tuple[float, float]:
     if scene.truth is not None:
         return span(scene.truth)
-    return scene.range or span(*(entry.disparity for entry in scene.entries.values()))
+    return scene.range or span(*(entry.found.disparity for entry in scene.entries.values()))
 
 
 def _rounded(errors: Array) -> Array:

@@ -91,7 +91,7 @@ def _cell(scene: SceneResult, method: str, key: str) -> Cell:
     if entry is None:
         return Cell(note="failed")
     if key == "runtime":
-        return Cell(note="no run time") if entry.runtime is None else Cell(entry.runtime)
+        return Cell(note="no run time") if entry.found.runtime is None else Cell(entry.found.runtime)
     if entry.scores is None:
         return Cell(note="no truth")
     if key not in entry.scores:
