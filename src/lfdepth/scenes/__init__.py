@@ -10,17 +10,21 @@ centre.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lfdepth.errors import LightFieldError
+from lfdepth.scenes.stratified import STRATIFIED
 from lfdepth.scenes.suite import SUITE, Recipe, Stage
 
 if TYPE_CHECKING:
     from lfdepth.lightfield import LightField
+    from lfdepth.scenes.model import Scene
 
-__all__ = ["NAMES", "describe", "render"]
+__all__ = ["NAMES", "describe", "render", "save"]
 
-NAMES: tuple[str, ...] = tuple(SUITE)
+_RECIPES = {**SUITE, **STRATIFIED}
+NAMES: tuple[str, ...] = tuple(_RECIPES)
 """Names of the scenes."""
 
 SMALLEST = 32
@@ -76,13 +80,71 @@ def render(
         - occlusion_boundary: within 5 px of a jump of more than 0.1 px per step between two layers;
         - textureless: no channel of the noise-free picture deviates by more than 1.5 grey levels (standard
           deviation) within 9×9 px;
-        - thin: thin structures; slanted: planes not parallel to the picture; smooth: curved surfaces.
+        - thin: thin structures; slanted: planes not parallel to the picture; smooth: curved surfaces;
+        - in the scenes after the benchmark's stratified ones, the masks of its metrics.
 
     Raises
     ------
     LightFieldError
         If an argument is out of its range.
     """
+    return _rendered(name, size, views, seed, noise, samples)[1]
+
+
+def save(
+    name: str,
+    folder: str | Path,
+    *,
+    size: int | tuple[int, int] = 512,
+    views: int | tuple[int, int] = 9,
+    seed: int = 0,
+    noise: float | None = None,
+    samples: int = 3,
+) -> LightField:
+    """Render a scene into a folder in the layout of the 4D Light Field Benchmark, all of it or nothing.
+
+    The folder holds `input_CamNNN.png`, `parameters.cfg`, the truth at the size of the views and at ten times
+    that (`gt_disp_lowres.pfm`, `gt_disp_highres.pfm`), and masks of both sizes (`mask_NAME_lowres.png`,
+    `mask_NAME_highres.png`): those of `render`, the benchmark's `discontinuities`, `planes`,
+    `smooth_surfaces`, `fine`, `fine_surrounding` where they apply, and in the stratified scenes those that
+    their metrics need. Masks are 0 and 255, but `boxes` and `dots_by_size`, which hold labels from 1.
+
+    Parameters
+    ----------
+    name, size, views, seed, noise, samples
+        As in `render`.
+    folder : str or Path
+        To be created; its parent has to exist. An empty folder or an earlier scene is replaced.
+
+    Returns
+    -------
+    LightField
+        What was written, at low resolution.
+
+    Raises
+    ------
+    LightFieldError
+        If an argument is out of its range, or the folder cannot be written or holds something else.
+    """
+    from lfdepth.io.atomic import check_target
+    from lfdepth.scenes.folder import is_ours, write_folder
+
+    folder = Path(folder)
+    check_target(folder, is_ours)
+    scene, lf = _rendered(name, size, views, seed, noise, samples)
+    write_folder(folder, scene, lf)
+    return lf
+
+
+def _rendered(
+    name: str,
+    size: int | tuple[int, int],
+    views: int | tuple[int, int],
+    seed: int,
+    noise: float | None,
+    samples: int,
+) -> tuple[Scene, LightField]:
+    """Check the arguments of `render`; build and render the scene."""
     recipe = _recipe(name)
     height, width = _pair(size, "size", SMALLEST, 1 << 14)
     grid = _pair(views, "views", 3, MOST_VIEWS)
@@ -92,12 +154,12 @@ def render(
     from lfdepth.scenes.rendering import light_field  # numba loads late
 
     scene = recipe.build(Stage(height, width, seed))
-    return light_field(scene, name, (height, width), grid, seed, noise, samples)
+    return scene, light_field(scene, name, (height, width), grid, seed, noise, samples)
 
 
 def _recipe(name: str) -> Recipe:
-    _check(name in SUITE, f"scene {name!r} does not exist; expected one of {', '.join(NAMES)}")
-    return SUITE[name]
+    _check(name in _RECIPES, f"scene {name!r} does not exist; expected one of {', '.join(NAMES)}")
+    return _RECIPES[name]
 
 
 def _pair(value: int | tuple[int, int], what: str, least: int, most: int) -> tuple[int, int]:
@@ -112,4 +174,4 @@ def _pair(value: int | tuple[int, int], what: str, least: int, most: int) -> tup
 
 def _check(holds: bool, finding: str) -> None:
     if not holds:
-        raise LightFieldError(f"scenes.render: {finding}; correct it")
+        raise LightFieldError(f"scenes: {finding}; correct it")

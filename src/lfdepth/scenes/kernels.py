@@ -52,7 +52,7 @@ def _ellipsoid(g: Any, x: float, y: float, u: float, v: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _facets(ridge: bool, g: Any, x: float, y: float, u: float, v: float) -> float:
+def _facets(ridge: bool, g: Any, x: float, y: float, u: float, v: float) -> Any:
     """Envelope of planes: along a ray the solid below a plane is a half line, so roots combine alike."""
     best = _plane(g[0], g[1], g[2], x, y, u, v)
     for i in range(3, 3 * MAX_FACETS, 3):
@@ -62,7 +62,7 @@ def _facets(ridge: bool, g: Any, x: float, y: float, u: float, v: float) -> floa
 
 
 @njit(cache=True, nogil=True, inline="always")
-def _hit(kind: int, g: Any, x: float, y: float, u: float, v: float) -> float:
+def _hit(kind: int, g: Any, x: float, y: float, u: float, v: float) -> Any:
     """Largest D at which the ray of view (u, v) through (x, y) meets the surface; MISS if it does not."""
     if kind == PLANE:
         return _plane(g[0], g[1], g[2], x, y, u, v)
@@ -92,15 +92,6 @@ def _inside(kind: int, p: Any, x: float, y: float) -> Any:
             least = min(least, p[i] * x + p[i + 1] * y + p[i + 2])
         return least >= 0.0
     return _in_frame(kind, p[0] * x + p[1] * y + p[2], p[3] * x + p[4] * y + p[5], p[6])
-
-
-@njit(cache=True, nogil=True)
-def _in_hole(scene: Packed, layer: int, x: float, y: float) -> bool:
-    """Whether the layer is missing at reference point (x, y)."""
-    for i in range(scene.hole_start[layer], scene.hole_start[layer + 1]):
-        if _inside(scene.hole_kind[i], scene.hole[i], x, y):
-            return True
-    return False
 
 
 @njit(cache=True, nogil=True)
@@ -190,16 +181,36 @@ def _fill(scene: Packed, layer: int, ray: Any, first: int, last: int, depth: Any
     x0, step, y, u, v = ray
     kind, surface = scene.surface_kind[layer], scene.surface[layer]
     shape_kind, shape = scene.shape_kind[layer], scene.shape[layer]
-    holes = scene.hole_start[layer + 1] > scene.hole_start[layer]
     for i in range(first, last + 1):
         x = x0 + i * step
         d = _hit(kind, surface, x, y, u, v)
         if d < depth[i] or d == MISS:
             continue
         px, py = x + u * d, y + v * d
-        if _inside(shape_kind, shape, px, py) and not (holes and _in_hole(scene, layer, px, py)):
+        if _inside(shape_kind, shape, px, py):
             depth[i] = d
             index[i] = layer
+
+
+@njit(cache=True, nogil=True)
+def _cut(kind: int, shape: Any, layer: int, ray: Any, first: int, last: int, depth: Any, index: Any) -> None:
+    """Take a layer away from samples first..last where it has a hole."""
+    x0, step, y, u, v = ray
+    for i in range(first, last + 1):
+        if index[i] == layer and _inside(kind, shape, x0 + i * step + u * depth[i], y + v * depth[i]):
+            depth[i] = MISS
+            index[i] = -1
+
+
+@njit(cache=True, nogil=True)
+def _samples_in(box: Any, ray: Any, count: int) -> tuple[float, float]:
+    """First and last sample of a row that a box (left, top, right, bottom, least D, most D) can reach."""
+    x0, step, y, u, v = ray
+    top, bottom = _span(box[1], box[3], box[4], box[5], v)
+    if y < top or y > bottom:
+        return 0.0, -1.0
+    left, right = _span(box[0], box[2], box[4], box[5], u)
+    return max(0.0, (left - x0) / step), min(count - 1.0, (right - x0) / step)
 
 
 @njit(cache=True, nogil=True)
@@ -207,18 +218,20 @@ def _trace_row(scene: Packed, ray: Any, depth: Any, index: Any) -> None:
     """Nearest disparity and layer for samples (x0 + i·step, y) of view (u, v); ray = (x0, step, y, u, v)."""
     depth[:] = MISS
     index[:] = -1
-    x0, step, y, u, v = ray
+    count = depth.shape[0]
     for layer in range(scene.box.shape[0]):
-        box = scene.box[layer]
-        top, bottom = _span(box[1], box[3], box[4], box[5], v)
-        if y < top or y > bottom:
+        first, last = _samples_in(scene.box[layer], ray, count)
+        if first > last:
             continue
-        left, right = _span(box[0], box[2], box[4], box[5], u)
-        first, last = max(0.0, (left - x0) / step), min(depth.shape[0] - 1.0, (right - x0) / step)
-        if scene.surface_kind[layer] == PLANE and scene.hole_start[layer + 1] == scene.hole_start[layer]:
+        if scene.surface_kind[layer] == PLANE:
             _fill_plane(scene, layer, ray, first, last, depth, index)
         else:
             _fill(scene, layer, ray, ceil(first), floor(last), depth, index)
+        for hole in range(scene.hole_start[layer], scene.hole_start[layer + 1]):
+            first, last = _samples_in(scene.hole_box[hole], ray, count)
+            if first <= last:
+                kind, shape = scene.hole_kind[hole], scene.hole[hole]
+                _cut(kind, shape, layer, ray, ceil(first), floor(last), depth, index)
 
 
 @njit(cache=True, nogil=True, inline="always")

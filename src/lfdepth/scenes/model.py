@@ -8,8 +8,8 @@ world is a plane of this space and a quadric a quadric, so every intersection be
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from math import cos, inf, sin
 from typing import NamedTuple
 
@@ -264,16 +264,16 @@ class Layer:
     surface, shape, paint
         Geometry, outline and colour.
     holes : sequence of Shape
-        Where the surface is missing.
-    tags : frozenset of str
-        Masks in which its visible pixels count, such as "thin".
+        Where the surface is missing; only later layers are seen through them.
+    tags : mapping of str to int
+        Masks in which its visible pixels count, such as "thin", and their label there, 1 to 255.
     """
 
     surface: Surface
     paint: Paint
     shape: Shape = EVERYWHERE_SHAPE
     holes: Sequence[Shape] = ()
-    tags: frozenset[str] = frozenset()
+    tags: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def box(self) -> Box:
@@ -309,11 +309,15 @@ class Highlight:
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Layers in drawing order (a later one wins where disparities are equal), highlights and sensor noise."""
+    """Layers in drawing order (a later one wins where disparities are equal), highlights and sensor noise.
+
+    `noise` is in grey levels at mid grey; `noise_share` (H, W), where given, is the share that a pixel gets.
+    """
 
     layers: Sequence[Layer]
     highlights: Sequence[Highlight] = ()
     noise: float = 0.0
+    noise_share: npt.NDArray[np.float32] | None = None
 
 
 class Packed(NamedTuple):
@@ -326,6 +330,7 @@ class Packed(NamedTuple):
     hole_start: npt.NDArray[np.int64]  # layer i has holes hole_start[i] to hole_start[i + 1] - 1
     hole_kind: npt.NDArray[np.int64]
     hole: Float
+    hole_box: Float  # as box, one row per hole
     box: Float  # left, top, right, bottom, smallest D, largest D
     texture: npt.NDArray[np.int64]  # index into textures
     affine: Float
@@ -353,7 +358,8 @@ def pack(scene: Scene) -> Packed:
         hole_start=np.cumsum([0, *[len(layer.holes) for layer in layers]]),
         hole_kind=np.array([hole.kind for hole in holes], dtype=np.int64),
         hole=_rows([hole.parameters() for hole in holes], 3 * MAX_FACETS),
-        box=_rows([[*layer.box, *layer.surface.disparities(layer.box)] for layer in layers], 6),
+        hole_box=_rows([_bounds(layer.surface, hole.box) for layer in layers for hole in layer.holes], 6),
+        box=_rows([_bounds(layer.surface, layer.box) for layer in layers], 6),
         texture=np.array(
             [next(i for i, t in enumerate(textures) if t is layer.paint.texture) for layer in layers]
         ),
@@ -364,6 +370,11 @@ def pack(scene: Scene) -> Packed:
         highlight=_rows(lobes, 7),
         textures=np.stack(textures),
     )
+
+
+def _bounds(surface: Surface, box: Box) -> list[float]:
+    """A box in (x, y) and the disparities that the surface has over it."""
+    return [*box, *surface.disparities(box)]
 
 
 def _rows(rows: Sequence[Sequence[float]], width: int) -> Float:

@@ -19,6 +19,7 @@ MARGIN = 0.1
 READ_SHARE = 0.5
 """Read noise as a share of the noise at mid grey; shot noise makes up the rest."""
 MID_GREY = 128.0
+_BLOCK = 128  # rows that a thread traces at a time
 
 
 def light_field(
@@ -32,14 +33,15 @@ def light_field(
 ) -> LightField:
     """Render all views of a scene, its truth and masks."""
     packed = pack(scene)
-    truth, layers = kernels.trace(packed, np.arange(size[0], dtype=np.float64), size[1], 0.0, 1.0)
-    masks = geometric(scene, truth, layers)
+    truth, layers = trace(packed, size)
+    masks = {label: mask > 0 for label, mask in geometric(scene, truth, layers).items()}
     flat = textureless(kernels.render_view(packed, 0.0, 0.0, *size, samples))
     if flat.any():
         masks["textureless"] = flat
     span = float(truth.min()) - MARGIN, float(truth.max()) + MARGIN
+    level = np.float32(scene.noise if noise is None else noise)
     return LightField(
-        views=_render_views(packed, size, views, seed, scene.noise if noise is None else noise, samples),
+        views=_render_views(packed, size, views, seed, level * noise_share(scene), samples),
         camera=camera(span, size),
         disparity_range=span,
         truth=truth,
@@ -48,8 +50,40 @@ def light_field(
     )
 
 
+def noise_share(scene: Scene) -> npt.NDArray[np.float32]:
+    """Share of the noise by pixel, (H, W, 1), or for all of them."""
+    share = np.float32(1) if scene.noise_share is None else scene.noise_share[..., None]
+    return np.asarray(share, dtype=np.float32)
+
+
+def trace(
+    packed: Packed, size: tuple[int, int], factor: int = 1
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int16]]:
+    """Disparity and layer index of the reference view, (H, W) times `factor`.
+
+    Pixels of the larger maps divide those of the views: the first is centred at (0.5/factor - 0.5).
+    """
+    height, width = size[0] * factor, size[1] * factor
+    truth, layers = np.empty((height, width), np.float32), np.empty((height, width), np.int16)
+    first = 0.5 / factor - 0.5
+
+    def block(start: int) -> None:
+        rows = first + np.arange(start, min(start + _BLOCK, height)) / factor
+        part = slice(start, start + _BLOCK)
+        truth[part], layers[part] = kernels.trace(packed, rows, width, first, 1 / factor)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(block, range(0, height, _BLOCK)))
+    return truth, layers
+
+
 def _render_views(
-    packed: Packed, size: tuple[int, int], views: tuple[int, int], seed: int, noise: float, samples: int
+    packed: Packed,
+    size: tuple[int, int],
+    views: tuple[int, int],
+    seed: int,
+    noise: npt.NDArray[np.float32],
+    samples: int,
 ) -> npt.NDArray[np.uint8]:
     """Views (V, U, H, W, 3); each has its own noise generator, so that threads cannot change the result."""
     out = np.empty((*views, *size, 3), dtype=np.uint8)
@@ -57,7 +91,7 @@ def _render_views(
     def draw(index: tuple[int, int]) -> None:
         v, u = index[0] - views[0] // 2, index[1] - views[1] // 2
         picture = kernels.render_view(packed, float(u), float(v), *size, samples)
-        if noise > 0:
+        if noise.any():
             _add_noise(picture, noise, np.random.default_rng([seed, 1, *index]))
         out[index] = np.rint(np.clip(picture, 0, 255))
 
@@ -66,13 +100,13 @@ def _render_views(
     return out
 
 
-def _add_noise(picture: npt.NDArray[np.float32], level: float, rng: np.random.Generator) -> None:
+def _add_noise(
+    picture: npt.NDArray[np.float32], level: npt.NDArray[np.float32], rng: np.random.Generator
+) -> None:
     """Add shot and read noise in place; `level` is their joint deviation at mid grey."""
-    read = (READ_SHARE * level) ** 2
-    shot = (level * level - read) / MID_GREY
-    picture += rng.standard_normal(picture.shape, dtype=np.float32) * np.sqrt(
-        read + shot * np.maximum(picture, 0)
-    )
+    shot = (1 - READ_SHARE**2) / MID_GREY
+    brightness = np.sqrt(READ_SHARE**2 + shot * np.maximum(picture, 0))
+    picture += level * brightness * rng.standard_normal(picture.shape, dtype=np.float32)
 
 
 def camera(span: tuple[float, float], size: tuple[int, int]) -> Camera:

@@ -43,7 +43,7 @@ COLOURS = {
     "olive": (124, 122, 74),
 }
 """Muted colours, several of them alike, from which all scenes choose."""
-THIN = frozenset({"thin"})
+THIN = {"thin": 1}
 
 
 class Stage:
@@ -171,24 +171,6 @@ class Recipe:
     description: str
 
 
-SUITE: dict[str, Recipe] = {}
-"""Every scene by name."""
-
-
-def recipe(name: str, description: str) -> Callable[[Callable[[Stage], Scene]], Callable[[Stage], Scene]]:
-    """Enter a builder into the suite."""
-
-    def enter(build: Callable[[Stage], Scene]) -> Callable[[Stage], Scene]:
-        SUITE[name] = Recipe(build, description)
-        return build
-
-    return enter
-
-
-@recipe(
-    "demo",
-    "Slanted planes, an occluder in front, thin bars, a textureless patch, a box, a vase; D -1.3 to 1.6.",
-)
 def _demo(stage: Stage) -> Scene:
     floor, cloth = stage.striped("clay", "sand", "olive"), stage.natural("slate", "haze", "ivory")
     wall = stage.natural("sand", "haze", "clay")
@@ -222,11 +204,6 @@ def _demo(stage: Stage) -> Scene:
     return Scene(layers)
 
 
-@recipe(
-    "bars",
-    "Fourteen bars, 1.5 to 6 px wide, upright, level and oblique, at D 0.2 to 1.8 "
-    "before a wall slanted from -1.5 to -0.3.",
-)
 def _bars(stage: Stage) -> Scene:
     layers = [
         stage.wall(
@@ -250,10 +227,6 @@ def _bars(stage: Stage) -> Scene:
     return Scene(layers)
 
 
-@recipe(
-    "leaves",
-    "130 leaves, pointed or round, at random angles and depths, half of them slanted; D from -1.6 to 1.6.",
-)
 def _leaves(stage: Stage) -> Scene:
     greens = [
         stage.natural("moss", "olive", contrast=8, variety=0.8),
@@ -270,10 +243,6 @@ def _leaves(stage: Stage) -> Scene:
     return Scene(layers)
 
 
-@recipe(
-    "sphere",
-    "A large smooth sphere of low contrast, a small mottled one, a slanted wall behind; D from -1.2 to 1.5.",
-)
 def _sphere(stage: Stage) -> Scene:
     x, y, side = stage.x, stage.y, stage.side
     wall = stage.natural("ivory", "sand", "haze", "slate")
@@ -292,11 +261,6 @@ def _sphere(stage: Stage) -> Scene:
     )
 
 
-@recipe(
-    "room",
-    "A corner of a room: floor, back wall and side wall are slanted and almost without texture; in it a "
-    "carpet, a picture, two boxes, a ball and a lamp post. A little sensor noise. D from -1.4 to 1.7.",
-)
 def _room(stage: Stage) -> Scene:
     x, y, side = stage.x, stage.y, stage.side
     cloth, print_ = (
@@ -375,23 +339,6 @@ def _mixed(stage: Stage, near: float, far: float, noise: float = 0.0) -> Scene:
     return Scene([*layers, near_sheet], noise=noise)
 
 
-_CONTENT = "Slanted wall and ground, a textureless patch, a ball, a box, leaves, bars, a sheet in front"
-for _level, _noise in enumerate((2.0, 5.0, 10.0), start=1):
-    recipe(
-        f"noise-{_level}",
-        f"{_CONTENT}; shot and read noise, {_noise:g} grey levels at mid grey; D from -1.5 to 1.7.",
-    )(partial(_mixed, near=1.7, far=-1.5, noise=_noise))
-for _span in (1, 4, 8):
-    recipe(f"range-{_span}", f"{_CONTENT}; D from {-_span / 2:g} to {_span / 2:g}.")(
-        partial(_mixed, near=_span / 2, far=-_span / 2)
-    )
-
-
-@recipe(
-    "gloss",
-    "Blobs of light that move with disparities of their own over a slanted textured board, a ball, a vase; "
-    "truth is the surface's; D from -1.2 to 1.1.",
-)
 def _gloss(stage: Stage) -> Scene:
     x, y, side = stage.x, stage.y, stage.side
     board, glaze = (
@@ -419,11 +366,6 @@ def _gloss(stage: Stage) -> Scene:
     return Scene(layers, lights)
 
 
-@recipe(
-    "fence",
-    "A mesh of wires 2.5 px thick and posts at D 1.2 to 1.7 before slanted ground, a wall, a box and shrubs, "
-    "the farthest at -1.5.",
-)
 def _fence(stage: Stage) -> Scene:
     x, y, side = stage.x, stage.y, stage.side
     metal, wood = stage.natural("slate", "haze", contrast=8), stage.striped("clay", "olive", "soot")
@@ -438,14 +380,66 @@ def _fence(stage: Stage) -> Scene:
         layers.append(
             stage.leaf(middle, side * stage.uniform(0.03, 0.07), -0.9 + 1.3 * i / 23, shrub, lift=0.2)
         )
-    mesh = Plane(1.2, along_x=0.4 / stage.width)
-    layers.append(
-        Layer(mesh, stage.paint(metal), grid(x(0.5), y(0.5), max(14.0, 0.09 * side), 2.5, pi / 4), tags=THIN)
-    )
+    mesh = grid(x(0.5), y(0.5), max(14.0, 0.09 * side), 2.5, pi / 4)
+    layers.append(Layer(Plane(1.2, along_x=0.4 / stage.width), stage.paint(metal), mesh, tags=THIN))
     for column in (0.06, 0.94):
-        layers.append(
-            Layer(
-                Plane(1.7), stage.paint(wood), rectangle(x(column), y(0.5), 0.035 * side, 2.0 * stage.height)
-            )
-        )
+        post = rectangle(x(column), y(0.5), 0.035 * side, 2.0 * stage.height)
+        layers.append(Layer(Plane(1.7), stage.paint(wood), post))
     return Scene(layers)
+
+
+_MIXED = "Slanted wall and ground, a textureless patch, a ball, a box, leaves, bars, a sheet in front"
+_NOISE = {"noise-1": 2.0, "noise-2": 5.0, "noise-3": 10.0}
+_SPANS = {"range-1": 1, "range-4": 4, "range-8": 8}
+
+SUITE = {
+    "demo": Recipe(
+        _demo,
+        "Slanted planes, an occluder in front, thin bars, a textureless patch, a box, a vase; "
+        "D from -1.3 to 1.6.",
+    ),
+    "bars": Recipe(
+        _bars,
+        "Fourteen bars, 1.5 to 6 px wide, upright, level and oblique, at D 0.2 to 1.8 "
+        "before a wall slanted from -1.5 to -0.3.",
+    ),
+    "leaves": Recipe(
+        _leaves,
+        "130 leaves, pointed or round, at random angles and depths, half of them slanted; "
+        "D from -1.6 to 1.6.",
+    ),
+    "sphere": Recipe(
+        _sphere,
+        "A large smooth sphere of low contrast, a small mottled one, a slanted wall behind; "
+        "D from -1.2 to 1.5.",
+    ),
+    "room": Recipe(
+        _room,
+        "A corner of a room: floor, back wall and side wall are slanted and almost without texture; in it a "
+        "carpet, a picture, two boxes, a ball and a lamp post. A little sensor noise. D from -1.4 to 1.7.",
+    ),
+    **{
+        name: Recipe(
+            partial(_mixed, near=1.7, far=-1.5, noise=noise),
+            f"{_MIXED}; shot and read noise, {noise:g} grey levels at mid grey; D from -1.5 to 1.7.",
+        )
+        for name, noise in _NOISE.items()
+    },
+    "gloss": Recipe(
+        _gloss,
+        "Blobs of light that move with disparities of their own over a slanted textured board, a ball and a "
+        "vase; truth is the surface's; D from -1.2 to 1.1.",
+    ),
+    **{
+        name: Recipe(
+            partial(_mixed, near=span / 2, far=-span / 2), f"{_MIXED}; D from {-span / 2:g} to {span / 2:g}."
+        )
+        for name, span in _SPANS.items()
+    },
+    "fence": Recipe(
+        _fence,
+        "A mesh of wires 2.5 px thick and posts at D 1.2 to 1.7 before slanted ground, a wall, a box "
+        "and shrubs; D from -1.5.",
+    ),
+}
+"""Scenes by name."""
