@@ -49,6 +49,9 @@ class Method:
         Radius of the guided filter, px.
     epsilon
         ε of the guided filter, squared full scale.
+    normalise
+        Smooth the sum of votes and their number apart and divide (normalised convolution), so that pixels
+        without evidence do not pull their neighbours to zero; False smooths the quotient, as the paper does.
     subplane
         Place disparities between planes at the zero crossing.
     """
@@ -59,13 +62,14 @@ class Method:
     decoder: Literal["accumulate", "sfa"] = "sfa"
     step: float | None = 0.05
     planes: int | None = None
-    skip: int = 3
+    skip: int = 5
     delta: Literal["photo", "sign", "none"] = "photo"
-    threshold: float = 0.1
+    threshold: float = 0.03
     gradient: Literal["central", "sobel"] = "central"
     guide: Literal["colour", "grey"] = "colour"
     radius: int = 4
     epsilon: float = 1e-4
+    normalise: bool = True
     subplane: bool = True
 
     def __post_init__(self) -> None:

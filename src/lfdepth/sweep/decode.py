@@ -1,17 +1,17 @@
 """From a pixel's profile along the planes to its disparity and confidence.
 
-The ideal profile is one step: −1 while the plane lies in front of the surface, +1 once it lies behind. Both decoders stream:
-they keep a few maps and never the volume.
+The ideal profile is one step: −1 while the plane lies in front of the surface, +1 once it lies behind. Both
+decoders stream: they keep a few maps and never the volume.
 """
 
 from __future__ import annotations
 
 from typing import Any, Protocol
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
+from lfdepth.sweep.decode_kernels import sign_step_kernel
 from lfdepth.sweep.parallel import Workers
 
 
@@ -58,7 +58,7 @@ class SignStep:
         """Take the slice of plane `index`."""
         workers.rows(
             smoothed.shape[0],
-            _sign_step_kernel,
+            sign_step_kernel,
             index,
             smoothed,
             self.sum,
@@ -77,12 +77,12 @@ class SignStep:
             crosses = (self.before <= 0) & (self.after > 0)
             np.divide(-self.before, rise, out=part, where=crosses)
         disparity = self.planes[0] - step * (self.index + part)
-        return np.clip(disparity, self.planes[-1], self.planes[0]).astype(np.float32)
+        return np.asarray(np.clip(disparity, self.planes[-1], self.planes[0]), np.float32)
 
     def confidence(self) -> NDArray[np.float32]:
         """Fit of the step, `(Σ C̃ − 2·min running sum)/K`: 1 for a perfect step, 0 without evidence."""
-        fit = (self.sum - 2 * self.lowest) / len(self.planes)
-        return np.clip(fit, 0, 1)
+        fit = (self.sum - 2 * self.lowest) / np.float32(len(self.planes))
+        return np.asarray(np.clip(fit, 0, 1), np.float32)
 
 
 class Accumulate:
@@ -105,7 +105,7 @@ class Accumulate:
         """Disparity (H, W)."""
         step = self.planes[0] - self.planes[1]
         disparity = self.planes[-1] + step * (self.count - np.float32(0.5))
-        return np.clip(disparity, self.planes[-1], self.planes[0]).astype(np.float32)
+        return np.asarray(np.clip(disparity, self.planes[-1], self.planes[0]), np.float32)
 
     def confidence(self) -> NDArray[np.float32]:
         """Fit of one sign step to the profile, as for `SignStep`."""
@@ -125,7 +125,7 @@ def sign_step(
 
 
 def decided(disparity: NDArray[np.float32], planes: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Profiles after the decision, (K, H, W): +1 where the surface is nearer than the plane, else −1 (`Ĉ`)."""
+    """Decided profiles `Ĉ`, (K, H, W): +1 where the surface is nearer than the plane, else −1."""
     return np.where(disparity > planes[:, None, None], np.float32(1), np.float32(-1))
 
 
@@ -134,20 +134,3 @@ def _decode(volume: NDArray[Any], decoder: Decoder) -> Decoder:
         for index, smoothed in enumerate(volume):
             decoder.update(index, np.ascontiguousarray(smoothed, np.float32), workers)
     return decoder
-
-
-@nb.njit(nogil=True, cache=True)
-def _sign_step_kernel(first_row, last_row, plane, smoothed, total, lowest, index, before, after):  # type: ignore[no-untyped-def]
-    width = smoothed.shape[1]
-    plane16 = np.int16(plane)
-    previous = np.int16(plane - 1)
-    for y in range(first_row, last_row):
-        for x in range(width):
-            value = smoothed[y, x]
-            running = total[y, x] + value
-            after[y, x] = value if index[y, x] == previous else after[y, x]
-            is_lower = running < lowest[y, x]
-            total[y, x] = running
-            lowest[y, x] = running if is_lower else lowest[y, x]
-            before[y, x] = value if is_lower else before[y, x]
-            index[y, x] = plane16 if is_lower else index[y, x]

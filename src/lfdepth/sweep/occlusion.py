@@ -19,7 +19,8 @@ def mask_4d(
     """Carry a mask of the reference view to every view, as seen from another plane (algorithm 2, eq. 7).
 
     At the plane where the mask was found it lies in register in all views; reparameterising it by the
-    distance of the planes moves it with the views: `F(x, y, u, v) = BW(x − u·Δ, y − v·Δ)`, Δ = wanted − found.
+    distance of the planes, Δ = wanted − found, moves it with the views:
+    `F(x, y, u, v) = BW(x − u·Δ, y − v·Δ)`.
     For a mask per view in the view's own coordinates, reparameterise once more by −`wanted_at`.
 
     Parameters

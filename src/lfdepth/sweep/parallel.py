@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from types import TracebackType
 from typing import Any
 
@@ -72,4 +73,4 @@ def bands(height: int, count: int) -> list[tuple[int, int]]:
     strips = -(-height // STRIP)
     count = min(count, strips)
     edges = [STRIP * (strips * i // count) for i in range(count)] + [height]
-    return list(zip(edges[:-1], edges[1:], strict=True))
+    return list(pairwise(edges))

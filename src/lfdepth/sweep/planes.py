@@ -77,6 +77,7 @@ def check_range(disparity_range: tuple[float, float]) -> tuple[float, float]:
         raise LightFieldError(f"range: found [{low}, {high}], expected finite numbers in px per view step")
     if low >= high:
         raise LightFieldError(
-            f"range: found [{low:g}, {high:g}], expected MIN below MAX (positive is nearer); swap or widen the ends"
+            f"range: found [{low:g}, {high:g}], expected MIN below MAX (positive is nearer); "
+            "swap or widen the ends"
         )
     return low, high

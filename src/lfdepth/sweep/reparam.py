@@ -1,9 +1,9 @@
 """Reparameterisation (eq. 1): every view shifted so that one disparity plane falls into register.
 
-Views are sampled bilinearly with coordinates clamped to the image. Shifts are rounded to 1/128 px, far below
-any useful step between planes: at a step of 0.02 the outermost of 9 views moves by 0.08 px a plane. In return
-sums of grey levels times weights are whole numbers, so signs of differences, all that the vote looks at, are
-exact, a uniform area has none, and 8-bit views need only 16-bit arithmetic.
+The sweep works on grey levels in eighths of an 8-bit level (0...2040) and shifts rounded to 1/32 px. Levels
+times bilinear weights are then whole numbers of 16 bits: signs of differences, all that the vote looks at,
+are exact, a uniform area has none, and a vector unit handles twice the pixels of 32-bit arithmetic. The three
+extra bits matter where texture is weak: luma rounded to 8 bits loses what the colour channels still hold.
 """
 
 from __future__ import annotations
@@ -11,18 +11,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-import numba as nb
 import numpy as np
 from numpy.typing import NDArray
 
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
 
-UNIT = 128
-"""Sum of the four bilinear weights; an interpolated level is `UNIT` times a grey level."""
+UNIT = 32
+"""Sum of the four bilinear weights, and parts of a pixel that shifts are rounded to."""
+
+FULL_SCALE = 2040
+"""Grey level of full scale; `FULL_SCALE * UNIT` just fits 16 bits."""
 
 PAD = 16
-"""Columns kept left and right of a row buffer, so that horizontal neighbours exist and loops have round lengths."""
+"""Columns kept left and right of a row buffer: horizontal neighbours exist, and loops have round lengths."""
 
 _REC601 = np.array([0.299, 0.587, 0.114], dtype=np.float32)
 
@@ -31,17 +33,16 @@ _REC601 = np.array([0.299, 0.587, 0.114], dtype=np.float32)
 class ViewStack:
     """Grey views, padded by repeating the border so that kernels need no clamping in x.
 
-    `data` is flat, laid out (V, U, H, row_length); a row starts `margin` columns before the image.
-    Levels are whole numbers up to `full_scale`: uint8 (255) for 8-bit views, float32 (65535) for all others.
+    `data` is flat, laid out (V, H, U, row_length): the rows that a row of votes reads lie side by side, which
+    streams twice as fast from memory as whole views would. A row starts `margin` columns before the image.
     """
 
-    data: NDArray[Any]
+    data: NDArray[np.uint16]
     grid: tuple[int, int]
     size: tuple[int, int]
     margin: int
     row_length: int
     present: NDArray[np.bool_]
-    full_scale: float
 
     @property
     def centre(self) -> tuple[int, int]:
@@ -54,8 +55,8 @@ def round_width(width: int) -> int:
     return -(-width // 32) * 32
 
 
-def grey_levels(views: NDArray[Any]) -> NDArray[Any]:
-    """Grey views as whole numbers: uint8 for uint8 input, else float32 in 0...65535.
+def grey_levels(views: NDArray[Any]) -> NDArray[np.uint16]:
+    """Grey views in whole numbers from 0 to `FULL_SCALE`.
 
     Parameters
     ----------
@@ -64,15 +65,12 @@ def grey_levels(views: NDArray[Any]) -> NDArray[Any]:
 
     Returns
     -------
-    (...) array.
+    (...) uint16 array.
     """
-    if views.dtype == np.uint8:
-        if views.shape[-1] == 1:
-            return views[..., 0]
-        return np.rint(views @ _REC601).astype(np.uint8)
-    scale = np.float32(1.0 if views.dtype == np.uint16 else 65535.0)
-    grey = views[..., 0] if views.shape[-1] == 1 else views.astype(np.float32) @ _REC601
-    return np.clip(np.rint(grey.astype(np.float32) * scale), 0, 65535).astype(np.float32)
+    full_scale = {1: 255.0, 2: 65535.0}[views.dtype.itemsize] if views.dtype.kind == "u" else 1.0
+    grey = views[..., 0].astype(np.float32) if views.shape[-1] == 1 else views.astype(np.float32) @ _REC601
+    levels = np.rint(grey * np.float32(FULL_SCALE / full_scale))
+    return np.asarray(np.clip(levels, 0, FULL_SCALE), np.uint16)
 
 
 def stack_views(lf: LightField, max_disparity: float) -> ViewStack:
@@ -81,11 +79,10 @@ def stack_views(lf: LightField, max_disparity: float) -> ViewStack:
     reach = max(columns - columns // 2, columns // 2)
     margin = int(np.ceil(reach * abs(max_disparity))) + 2 + PAD
     row_length = round_width(width) + 2 * margin
-    first = grey_levels(lf.views[0, 0])
-    data = np.empty((rows, columns, height, row_length), first.dtype)
+    data = np.empty((rows, height, columns, row_length), np.uint16)
     for v in range(rows):
         for u in range(columns):
-            padded = data[v, u]
+            padded = data[v, :, u]
             padded[:, margin : margin + width] = grey_levels(lf.views[v, u])
             padded[:, :margin] = padded[:, margin, None]
             padded[:, margin + width :] = padded[:, margin + width - 1, None]
@@ -97,7 +94,6 @@ def stack_views(lf: LightField, max_disparity: float) -> ViewStack:
         margin=margin,
         row_length=row_length,
         present=present,
-        full_scale=255.0 if data.dtype == np.uint8 else 65535.0,
     )
 
 
@@ -105,7 +101,8 @@ def stack_views(lf: LightField, max_disparity: float) -> ViewStack:
 class Shifts:
     """How one plane samples the views: whole pixels per view row and column, and bilinear weights per view.
 
-    `weights` is (V, U, 4) for the neighbours (y, x), (y, x+1), (y+1, x), (y+1, x+1); whole numbers, sum 128.
+    `weights` is (V, U, 4) for the neighbours (y, x), (y, x+1), (y+1, x), (y+1, x+1): whole numbers that
+    sum to `UNIT`.
     """
 
     down: NDArray[np.int64]
@@ -155,7 +152,8 @@ def reparameterise(views: NDArray[Any], disparity: float) -> NDArray[np.float32]
     """
     if views.ndim not in (4, 5):
         raise LightFieldError(
-            f"views: found shape {views.shape}, expected (V, U, H, W) or (V, U, H, W, C); add the missing axes"
+            f"views: found shape {views.shape}, expected (V, U, H, W) or (V, U, H, W, C); "
+            "add the missing axes"
         )
     if not np.isfinite(disparity):
         raise LightFieldError(f"disparity: found {disparity}, expected a finite number of px per view step")
@@ -174,19 +172,3 @@ def _shift(image: NDArray[Any], down: int, across: int, weights: NDArray[np.int6
     w00, w01, w10, w11 = (weights / UNIT).astype(np.float32)
     shifted = w00 * sample[:-1, :-1] + w01 * sample[:-1, 1:] + w10 * sample[1:, :-1] + w11 * sample[1:, 1:]
     return np.asarray(shifted, np.float32)
-
-
-@nb.njit(nogil=True, cache=True)
-def interpolate_row(out, start, source, upper, lower, length, w00, w01, w10, w11):  # type: ignore[no-untyped-def]
-    """Write `length` interpolated levels to `out[start:]` from two rows of `source` (flat offsets).
-
-    The weights must have the type of `out`: with wider ones the loop does not stay in 16 bits.
-    """
-    right = np.uintp(1)
-    for x in range(np.uintp(length)):
-        out[start + x] = out.dtype.type(
-            source[upper + x] * w00
-            + source[upper + right + x] * w01
-            + source[lower + x] * w10
-            + source[lower + right + x] * w11
-        )

@@ -18,9 +18,9 @@ from lfdepth.sweep.decode import Accumulate, Decoder, SignStep, decided
 from lfdepth.sweep.occlusion import NoOcclusion, SkipMask
 from lfdepth.sweep.parallel import Workers
 from lfdepth.sweep.planes import check_range, disparity_planes
-from lfdepth.sweep.reparam import grey_levels, stack_views
+from lfdepth.sweep.reparam import FULL_SCALE, grey_levels, stack_views
 from lfdepth.sweep.smoothing import GuidedFilter
-from lfdepth.sweep.voting import VoteRule, vote_plane
+from lfdepth.sweep.voting import VoteRule, quotient, vote_plane
 
 Progress = Callable[[int, int], None]
 
@@ -148,24 +148,26 @@ def _sweep(
     )
     rule = VoteRule(method.delta, method.threshold, method.gradient)
     stack = stack_views(lf, float(np.abs(planes).max()))
-    initial, smoothed = np.empty(stack.size, np.float32), np.empty(stack.size, np.float32)
+    votes, evidence, smoothed = (np.empty(stack.size, np.float32) for _ in "123")
     for index, plane in enumerate(planes):
-        vote_plane(stack, float(plane), rule, occlusion.mask(index), workers, initial)
-        smoothing.smooth_plane(initial, workers, smoothed)
+        vote_plane(stack, float(plane), rule, occlusion.mask(index), workers, votes, evidence)
+        if method.normalise:
+            smoothing.smooth_quotient(votes, evidence, workers, smoothed)
+        else:
+            smoothing.smooth_plane(quotient(votes, evidence), workers, smoothed)
         occlusion.update(index, smoothed)
         decoder.update(index, smoothed, workers)
         if volumes is not None:
-            volumes.initial[index], volumes.smoothed[index] = initial, smoothed
+            volumes.initial[index], volumes.smoothed[index] = quotient(votes, evidence), smoothed
         if progress is not None:
             progress(index + 1, len(planes))
 
 
 def guide_image(lf: LightField, guide: str) -> NDArray[np.float32]:
-    """The reference view in [0, 1] as a filter guide: (H, W, 3) for "colour" where there is colour, else (H, W, 1)."""
+    """The reference view in [0, 1] as a filter guide: (H, W, 3) for "colour" if there is any, or (H, W, 1)."""
     if guide == "colour":
         return lf.reference.astype(np.float32) / np.float32(lf.full_scale)
-    grey = grey_levels(lf.reference)
-    return (grey.astype(np.float32) / np.float32(255 if grey.dtype == np.uint8 else 65535))[..., None]
+    return (grey_levels(lf.reference).astype(np.float32) / np.float32(FULL_SCALE))[..., None]
 
 
 def _decoder(method: Method, planes: NDArray[np.float64], size: tuple[int, int]) -> Decoder:
