@@ -1,0 +1,70 @@
+"""The command line: parses, calls the library, prints.
+
+Everything heavy loads inside the command that needs it, so that help appears at once.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from io import TextIOWrapper
+
+from lfdepth.errors import LightFieldError
+
+__all__ = ["main"]
+
+PROGRAM = "lfdepth"
+FAILED = 2
+"""Exit status after bad input or a file that cannot be read or written."""
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as shells have it: 128 + SIGINT."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run a command.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Words after the program's name; those of the process by default.
+
+    Returns
+    -------
+    int
+        Exit status: 0, 2 after an error that one line on standard error explains, 130 after Ctrl-C.
+    """
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a symbol must not stop a result
+    try:
+        from cyclopts import CycloptsError  # in here, so that Ctrl-C is Ctrl-C while it loads, too
+
+        from lfdepth.cli.commands import app
+
+        try:
+            app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+        except CycloptsError as error:
+            help_page = " ".join([PROGRAM, *(error.command_chain or ()), "--help"])
+            return _fail(f"{_one_line(error).rstrip('.')}; see {help_page}")
+        sys.stdout.flush()
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return INTERRUPTED
+    except LightFieldError as error:
+        return _fail(_one_line(error))
+    except MemoryError as error:
+        return _fail(f"not enough memory ({_one_line(error)}); use fewer or smaller views")
+    except BrokenPipeError:
+        sys.stdout = None  # whoever read the output has left: nothing to flush
+        return FAILED
+    except OSError as error:
+        return _fail(f"{error.filename or 'file'}: {error.strerror or error}")
+    return 0
+
+
+def _fail(message: str) -> int:
+    print(f"error: {message}", file=sys.stderr)
+    return FAILED
+
+
+def _one_line(error: Exception) -> str:
+    return " ".join(str(error).splitlines())

@@ -1,0 +1,185 @@
+"""Options that several commands share."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, make_dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+
+from cyclopts import Group, Parameter, Token
+
+from lfdepth import methods
+from lfdepth.errors import LightFieldError
+
+if TYPE_CHECKING:
+    from lfdepth.lightfield import LightField
+
+Flag = Annotated[bool, Parameter(negative=(), show_default=False)]
+Json = Annotated[
+    bool,
+    Parameter(
+        name="--json",
+        negative=(),
+        show_default=False,
+        help="Print one JSON object, and nothing else, on standard output.",
+    ),
+]
+Output = Annotated[Path, Parameter(alias="-o")]
+Range = Annotated[tuple[float, float] | None, Parameter(metavar="MIN MAX")]
+
+
+# --- parameters of the methods
+
+_STRUCTURE = frozenset({"name", "summary", "occlusion", "decoder"})
+"""Fields that make a method what it is: chosen by its name, not by options."""
+
+
+def _method_options() -> Any:
+    """Dataclass with an option for each parameter of a `Method`; None leaves it as the method has it."""
+    types = get_type_hints(methods.Method)
+    names = [parameter.name for parameter in fields(methods.Method) if parameter.name not in _STRUCTURE]
+    return make_dataclass(
+        "MethodOptions",
+        [
+            (
+                name,
+                Annotated[types[name] | None, Parameter(show_default=_default_of(name))],
+                field(default=None),
+            )
+            for name in names
+        ],
+        namespace={"__module__": __name__, "__doc__": methods.Method.__doc__},
+        kw_only=True,
+        frozen=True,
+    )
+
+
+def _default_of(parameter: str) -> Any:
+    """What the help calls the default: a value if all methods share it."""
+    values = {getattr(methods.method(name), parameter) for name in methods.NAMES}
+    if len(values) > 1:
+        return lambda _: "the method's"
+    value = values.pop()
+    if value is None:
+        return False
+    return lambda _: f"{value:g}" if isinstance(value, float) else str(value)
+
+
+if TYPE_CHECKING:
+    MethodOptions = Any
+else:
+    MethodOptions = _method_options()
+
+MethodParameters = Annotated[
+    MethodOptions, Parameter(name="*", group=Group("Parameters of the method", sort_key=2))
+]
+UNCHANGED = MethodOptions()
+
+
+def given(options: Any) -> dict[str, Any]:
+    """Options that were set."""
+    return {name: value for name, value in vars(options).items() if value is not None}
+
+
+# --- how a light field is read
+
+
+def _grid(_: Any, tokens: Sequence[Token]) -> tuple[int, int]:
+    """(V, U) from COLUMNSxROWS, as people write it."""
+    match = re.fullmatch(r"(\d+)x(\d+)", tokens[0].value)
+    if not match:
+        raise ValueError(f"found {tokens[0].value!r}, expected COLUMNSxROWS such as 9x9")
+    return int(match[2]), int(match[1])
+
+
+Grid = Annotated[tuple[int, int] | None, Parameter(converter=_grid, n_tokens=1, metavar="COLUMNSxROWS")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """How a light field is read.
+
+    Attributes
+    ----------
+    format
+        Format of the scene, where looking at it is not enough: benchmark, folder, eslf, hdf5, mat, npy, npz,
+        quilt, tiff, zarr.
+    grid
+        Grid of views as they are stored, where files only number them.
+    partial
+        Some views are absent on purpose.
+    views
+        Use only this many views, around the reference view.
+    crop
+        Use only this window of every view, px.
+    scale
+        Shrink views by this factor, above 0 and at most 1; disparities shrink with them.
+    transpose
+        Swap rows and columns of the grid of views.
+    flip_u
+        Reverse the columns of the grid of views.
+    flip_v
+        Reverse the rows of the grid of views.
+    baseline_mm
+        Distance between neighbouring views, mm.
+    focal_mm
+        Focal length, mm.
+    sensor_mm
+        Longer side of the sensor, mm.
+    focus_m
+        Distance of zero disparity, metres.
+    """
+
+    format: str | None = None
+    grid: Grid = None
+    partial: Flag = False
+    views: Grid = None
+    crop: Annotated[tuple[int, int, int, int] | None, Parameter(metavar="X Y WIDTH HEIGHT")] = None
+    scale: float = 1.0
+    transpose: Flag = False
+    flip_u: Flag = False
+    flip_v: Flag = False
+    baseline_mm: float | None = None
+    focal_mm: float | None = None
+    sensor_mm: float | None = None
+    focus_m: float | None = None
+
+    def read(self, scene: Path) -> LightField:
+        """Read a light field."""
+        import lfdepth
+
+        options = dict(vars(self))
+        for short, long in _LONG_NAMES.items():
+            options[long] = options.pop(short)
+        return lfdepth.read(scene, **options)
+
+    @property
+    def keeps_size(self) -> bool:
+        """Whether views keep the size that they have in the files."""
+        return self.crop is None and self.scale == 1
+
+
+_LONG_NAMES = {
+    "focal_mm": "focal_length_mm",
+    "sensor_mm": "sensor_size_mm",
+    "focus_m": "focus_distance_m",
+}
+
+ReadingParameters = Annotated[Reading, Parameter(name="*", group=Group("Reading the scene", sort_key=3))]
+AS_IT_IS = Reading()
+
+
+# --- checks before long work
+
+
+def check_picture(path: Path, *, apart_from: Path) -> None:
+    """Raise LightFieldError unless a picture can be written at `path`, which is another file's."""
+    from lfdepth.io.atomic import check_target
+
+    if path.suffix.lower() != ".png":
+        raise LightFieldError(f"{path}: pictures are PNG files; expected a name ending in .png; rename it")
+    if path.resolve() == apart_from.resolve():
+        raise LightFieldError(f"{path}: is the map as well; expected two different files; rename one")
+    check_target(path)

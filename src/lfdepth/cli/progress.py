@@ -1,0 +1,75 @@
+"""How far the work is, on standard error."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack
+from typing import Any
+
+
+class Progress:
+    """A bar over planes on a terminal, and a word when kernels are compiled.
+
+    Attributes
+    ----------
+    planes : int
+        Planes of the last sweep.
+    compiled : bool
+        Whether kernels had to be compiled.
+    """
+
+    def __init__(self) -> None:
+        self.planes = 0
+        self.compiled = False
+        self._bar: Any = None
+        self._listening = ExitStack()
+
+    def __enter__(self) -> Progress:
+        self._listening.enter_context(_on_compilation(self._note_compilation))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._listening.close()
+        self._close_bar()
+
+    def __call__(self, done: int, total: int) -> None:
+        """Show the planes done of those in all."""
+        from tqdm import tqdm
+
+        if self._bar is None:
+            self.planes = total
+            self._bar = tqdm(total=total, unit="plane", leave=False, disable=None)
+        self._bar.update()
+        if done == total:
+            self._close_bar()
+
+    def announce(self, words: str) -> None:
+        """Say what comes next, for people who watch."""
+        if sys.stderr.isatty():
+            print(words, file=sys.stderr)
+
+    def _note_compilation(self) -> None:
+        if not self.compiled:
+            print("compiling kernels (first run only)", file=sys.stderr)
+        self.compiled = True
+
+    def _close_bar(self) -> None:
+        if self._bar is not None:
+            self._bar.close()
+        self._bar = None
+
+
+def _on_compilation(act: Callable[[], None]) -> AbstractContextManager[Any]:
+    """While the context is open, act whenever numba compiles because its cache has nothing."""
+    from numba.core import event
+
+    class Listener(event.Listener):  # type: ignore[misc]  # numba has no types
+        def on_start(self, event: Any) -> None:
+            act()
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    context: AbstractContextManager[Any] = event.install_listener("numba:compile", Listener())
+    return context

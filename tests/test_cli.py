@@ -1,0 +1,547 @@
+"""The command line as a person or a script meets it: output, exit status, messages, files left behind."""
+
+import inspect
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from PIL import Image
+
+import lfdepth
+from lfdepth.cli import main
+from lfdepth.cli.commands import DEFAULT_METHOD
+from lfdepth.io import read_disparity, write
+
+SIZE = 48
+GRID = 5
+DISPARITY = 1.0
+CONFIG = f"""[intrinsics]
+focal_length_mm = 100.0
+image_resolution_x_px = {SIZE}
+image_resolution_y_px = {SIZE}
+sensor_size_mm = 35.0
+[extrinsics]
+num_cams_x = {GRID}
+num_cams_y = {GRID}
+baseline_mm = 25.0
+focus_distance_m = 4.25
+[meta]
+disp_min = -0.5
+disp_max = 1.5
+"""
+
+
+def make_scene(folder: Path) -> Path:
+    """A benchmark folder that shows a textured plane at `DISPARITY`, with truth."""
+    folder.mkdir()
+    noise = np.random.default_rng(0).integers(0, 256, (SIZE // 3, SIZE // 3, 3), dtype=np.uint8)
+    reference = np.asarray(Image.fromarray(noise).resize((SIZE, SIZE), Image.Resampling.BICUBIC))
+    for index in range(GRID * GRID):
+        v, u = index // GRID - GRID // 2, index % GRID - GRID // 2
+        shift = (round(-DISPARITY * v), round(-DISPARITY * u))
+        Image.fromarray(np.roll(reference, shift, (0, 1))).save(folder / f"input_Cam{index:03d}.png")
+    (folder / "parameters.cfg").write_text(CONFIG)
+    write(folder / "gt_disp_lowres.pfm", np.full((SIZE, SIZE), DISPARITY, np.float32))
+    return folder
+
+
+@pytest.fixture
+def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A scene named "scene" in the current folder, so that messages do not depend on the machine."""
+    monkeypatch.chdir(tmp_path)
+    make_scene(tmp_path / "scene")
+    return Path("scene")
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    """Run a command line in this process; exit status, standard output, standard error."""
+
+    def run(*words: str) -> tuple[int, str, str]:
+        status = main(words)
+        captured = capsys.readouterr()
+        errors = captured.err.replace("compiling kernels (first run only)\n", "")
+        return status, captured.out, errors
+
+    return run
+
+
+Run = Callable[..., tuple[int, str, str]]
+
+
+def left_behind(folder: Path = Path()) -> list[str]:
+    """Everything in a folder but the scene, hidden files included."""
+    return sorted(path.name for path in folder.iterdir() if path.name != "scene")
+
+
+# --- what works
+
+
+@pytest.mark.parametrize("ending", [".pfm", ".png", ".npy", ".npz"])
+def test_estimate_finds_the_plane(scene: Path, run: Run, ending: str) -> None:
+    status, out, err = run("estimate", "scene", "-o", f"map{ending}", "--preview", "preview.png")
+    assert (status, err) == (0, "")
+    assert read_disparity(f"map{ending}")[10:-10, 10:-10] == pytest.approx(DISPARITY, abs=0.05)
+    assert "scene, 5×5 views of 48×48 px, colour" in out
+    assert "-0.5 to 1.5 px per view step, 41 planes" in out
+    assert f"map{ending}, preview.png" in out
+    sidecar = ["map.json"] if ending == ".png" else []
+    assert left_behind() == sorted([f"map{ending}", "preview.png", *sidecar])
+
+
+def test_estimate_json_holds_every_parameter_given(scene: Path, run: Run) -> None:
+    command = (
+        "estimate scene -o map.pfm --method fbs-sfa --range -1.25 1.5 --step 0.1 --skip 2 --delta sign "
+        "--threshold 0.2 --gradient sobel --radius 3 --epsilon 1e-3 --guide grey --no-subplane --threads 1 "
+        "--json"
+    )
+    status, out, _ = run(*command.split())
+    facts = json.loads(out)
+    assert status == 0
+    assert facts["range"] == [-1.25, 1.5]
+    assert facts["planes"] == 29  # 2.75 / 0.1, rounded up, and the first
+    assert facts["written"] == ["map.pfm"]
+    wanted = {
+        "name": "fbs-sfa",
+        "step": 0.1,
+        "skip": 2,
+        "delta": "sign",
+        "threshold": 0.2,
+        "gradient": "sobel",
+        "radius": 3,
+        "epsilon": 1e-3,
+        "guide": "grey",
+        "subplane": False,
+    }
+    assert {key: facts["method"][key] for key in wanted} == wanted
+
+
+def test_planes_replace_the_step(scene: Path, run: Run) -> None:
+    _, out, _ = run("estimate", "scene", "-o", "map.pfm", "--planes", "21", "--json")
+    facts = json.loads(out)
+    assert facts["planes"] == 21
+    assert facts["method"]["step"] is None
+
+
+def test_preset_is_the_papers(scene: Path, run: Run) -> None:
+    _, out, _ = run("estimate", "scene", "-o", "map.pfm", "--preset", "paper-synthetic", "--json")
+    method = json.loads(out)["method"]
+    assert (method["step"], method["skip"]) == (0.02, 7)  # section IV of the paper
+
+
+def test_reading_options_reach_the_reader(scene: Path, run: Run) -> None:
+    (scene / "parameters.cfg").unlink()
+    options = (
+        "--views 3x5 --crop 4 8 40 36 --scale 0.5 --baseline-mm 25 --focal-mm 100 --sensor-mm 35 --focus-m 4"
+    )
+    status, out, _ = run("info", "scene", *options.split(), "--json")
+    facts = json.loads(out)
+    assert status == 0
+    assert facts["shape"] == [5, 3, 18, 20, 3]
+    assert facts["truth_range"] == [DISPARITY / 2] * 2
+    wanted = {"baseline_mm": 25, "focal_length_mm": 100, "focus_distance_m": 4, "width": 20, "height": 18}
+    assert {key: facts["camera"][key] for key in wanted} == wanted
+
+
+def test_depth_is_that_of_the_plane(scene: Path, run: Run) -> None:
+    assert run("estimate", "scene", "-o", "map.pfm", "--quantity", "depth")[0] == 0
+    # b·f/p = 25 mm · 100 mm / (35/48 mm) = 3.4286 px·m; 1/Z = 1 / 3.4286 + 1/4.25
+    assert read_disparity("map.pfm")[10:-10, 10:-10] == pytest.approx(1.8978, abs=0.06)
+
+
+def test_metres_need_a_camera(scene: Path, run: Run) -> None:
+    (scene / "parameters.cfg").unlink()
+    for words in (["-o", "map.pfm", "--quantity", "depth"], ["-o", "map.ply"]):
+        outcome = run("estimate", "scene", "--range", "-0.5", "1.5", *words)
+        assert_refused(outcome, [words[1], "camera is unknown", "--baseline-mm", "--focus-m"])
+    assert left_behind() == []
+
+
+def test_convert_keeps_the_map(scene: Path, run: Run) -> None:
+    values = np.linspace(-0.5, 1.5, SIZE * SIZE, dtype=np.float32).reshape(SIZE, SIZE)
+    write("map.pfm", values)
+    assert run("convert", "map.pfm", "map.npy") == (0, "", "")
+    np.testing.assert_array_equal(np.load("map.npy"), values)
+
+
+def test_default_method_is_the_librarys() -> None:
+    assert inspect.signature(lfdepth.estimate).parameters["method"].default == DEFAULT_METHOD
+
+
+def test_evaluate_scores_a_known_error(scene: Path, run: Run) -> None:
+    write("map.pfm", np.full((SIZE, SIZE), DISPARITY + 0.05, np.float32))
+    status, out, err = run("evaluate", "map.pfm", "scene", "--json", "--error-map", "error.png")
+    scores = json.loads(out)["scores"]
+    assert (status, err) == (0, "")
+    assert [scores[f"badpix_{t}"] for t in (0.01, 0.03, 0.07)] == [100, 100, 0]
+    assert scores["mse_x100"] == pytest.approx(0.25, rel=1e-4)
+    assert scores["q25"] == pytest.approx(5, rel=1e-4)
+    assert left_behind() == ["error.png", "map.pfm"]
+
+
+def test_evaluate_prints_the_figures(scene: Path, run: Run) -> None:
+    write("map.pfm", np.full((SIZE, SIZE), DISPARITY + 0.05, np.float32))
+    _, out, _ = run("evaluate", "map.pfm", "scene")
+    assert [line.split() for line in out.splitlines()[1:6]] == [
+        ["BadPix", "0.01", "100.000", "%"],
+        ["BadPix", "0.03", "100.000", "%"],
+        ["BadPix", "0.07", "0.000", "%"],
+        ["MSE×100", "0.250", "px²"],
+        ["Q25", "5.000", "px/100"],
+    ]
+
+
+def test_methods_lists_them_all(run: Run) -> None:
+    _, text, _ = run("methods")
+    _, out, _ = run("methods", "--json")
+    names = [method["name"] for method in json.loads(out)["methods"]]
+    assert {"fbs", "fbs-sfa", "fbsocc-sfa"} <= set(names)
+    assert all(f"{name}: " in text for name in names)
+
+
+def test_info_describes_the_scene(scene: Path, run: Run) -> None:
+    _, text, _ = run("info", "scene")
+    _, out, _ = run("info", "scene", "--json")
+    facts = json.loads(out)
+    assert facts["shape"] == [5, 5, 48, 48, 3]
+    assert facts["disparity_range"] == [-0.5, 1.5]
+    # b·f/p = 25 mm · 100 mm / (35/48 mm) = 3.4286 px·m; 1/Z = D / 3.4286 + 1/4.25
+    assert facts["depth_range_m"] == pytest.approx([1.48634, 11.1781], rel=1e-4)
+    assert facts["truth_range"] == [DISPARITY, DISPARITY]
+    assert "focal length 100 mm" in text
+
+
+def test_info_without_camera_range_and_truth(scene: Path, run: Run) -> None:
+    (scene / "parameters.cfg").unlink()
+    (scene / "gt_disp_lowres.pfm").unlink()
+    status, text, _ = run("info", "scene")
+    assert status == 0
+    assert text.count("unknown") == 3
+
+
+@pytest.mark.parametrize(
+    "command", [[], ["estimate"], ["evaluate"], ["methods"], ["info"], ["convert"], ["demo"]]
+)
+def test_help_pages(run: Run, command: list[str]) -> None:
+    status, out, err = run(*command, "--help")
+    assert (status, err) == (0, "")
+    assert out.startswith(" ".join(["Usage: lfdepth", *command]))
+
+
+def test_help_states_units_and_defaults(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "300")
+    _, out, _ = run("estimate", "--help")
+    assert "px per view step" in out
+    step = lfdepth.method(DEFAULT_METHOD).step
+    assert f"[default: {step:g}]" in next(
+        line for line in out.splitlines() if "--step" in line and "│" in line
+    )
+
+
+# --- what does not: one line that names what was found, what was expected and what to do
+
+
+def truncate(path: Path, share: float = 0.5) -> None:
+    data = path.read_bytes()
+    path.write_bytes(data[: int(len(data) * share)])
+
+
+def save_view(scene: Path, index: int, view: npt.NDArray[Any]) -> None:
+    Image.fromarray(view).save(scene / f"input_Cam{index:03d}.png")
+
+
+def edit_config(scene: Path, old: str, new: str) -> None:
+    path = scene / "parameters.cfg"
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+
+
+Spoil = Callable[[Path], object]
+BAD_SCENES: dict[str, tuple[Spoil, list[str]]] = {
+    "missing view": (
+        lambda s: (s / "input_Cam007.png").unlink(),
+        ["scene", "1 of 25 views missing, first input_Cam007.png", "5x5", "add them"],
+    ),
+    "surplus view": (
+        lambda s: (s / "input_Cam025.png").write_bytes((s / "input_Cam000.png").read_bytes()),
+        ["scene", "1 surplus views, first input_Cam025.png", "25 views in a grid of 5x5", "remove them"],
+    ),
+    "other size": (
+        lambda s: save_view(s, 3, np.zeros((SIZE, SIZE + 1, 3), np.uint8)),
+        ["scene/input_Cam003.png", "49x48 px", "48x48 px", "one size"],
+    ),
+    "other mode": (
+        lambda s: save_view(s, 3, np.zeros((SIZE, SIZE), np.uint8)),
+        ["scene/input_Cam003.png", "grey", "colour", "one size and kind"],
+    ),
+    "truncated picture": (lambda s: truncate(s / "input_Cam004.png"), ["scene/input_Cam004.png"]),
+    "no picture": (
+        lambda s: (s / "input_Cam004.png").write_text("hello"),
+        ["scene/input_Cam004.png"],
+    ),
+    "truncated truth": (lambda s: truncate(s / "gt_disp_lowres.pfm"), ["scene/gt_disp_lowres.pfm"]),
+    "NaN in the truth": (
+        lambda s: (s / "gt_disp_lowres.pfm").write_bytes(nan_map()),
+        ["scene/gt_disp_lowres.pfm", "1 of 2304 values are NaN or infinite", "repair"],
+    ),
+    "garbled parameters": (
+        lambda s: (s / "parameters.cfg").write_text("no section\n\0"),
+        ["scene/parameters.cfg", "garbled", "[intrinsics]", "restore"],
+    ),
+    "parameters without a number": (
+        lambda s: edit_config(s, "disp_min = -0.5", "disp_min = near"),
+        ["scene/parameters.cfg", "[meta] disp_min is near", "expected a number"],
+    ),
+    "parameters with a range reversed": (
+        lambda s: edit_config(s, "disp_min = -0.5", "disp_min = 2"),
+        ["scene/parameters.cfg", "2 to 1.5", "MIN < MAX"],
+    ),
+    "parameters against the number of views": (
+        lambda s: edit_config(s, "num_cams_x = 5", "num_cams_x = 4"),
+        ["scene", "5 surplus views", "20 views in a grid of 4x5", "num_cams_x"],
+    ),
+    "parameters against the size": (
+        lambda s: edit_config(s, "image_resolution_x_px = 48", "image_resolution_x_px = 64"),
+        ["scene/input_Cam000.png", "48x48 px", "64x48", "parameters.cfg"],
+    ),
+}
+
+
+def nan_map() -> bytes:
+    values = np.ones((SIZE, SIZE), "<f4")
+    values[3, 4] = np.nan
+    return f"Pf\n{SIZE} {SIZE}\n-1.0\n".encode() + values.tobytes()
+
+
+@pytest.mark.parametrize("case", BAD_SCENES)
+def test_bad_scene(scene: Path, run: Run, case: str) -> None:
+    spoil, parts = BAD_SCENES[case]
+    spoil(scene)
+    assert_refused(run("estimate", "scene", "-o", "map.pfm"), parts)
+    assert left_behind() == []
+
+
+BAD_OPTIONS: dict[str, list[str]] = {
+    "--range 1.5 -0.5": ["range", "[1.5, -0.5]", "MIN below MAX"],
+    "--range 1 1": ["range", "[1, 1]", "MIN below MAX"],
+    "--range nan 1": ["range", "nan", "finite"],
+    "--range -1 inf": ["range", "inf", "finite"],
+    "--range 1": ["--range", "2", "see lfdepth estimate --help"],
+    "--range a b": ["--range", "a", "see lfdepth estimate --help"],
+    "--step 0": ["step", "0", "positive"],
+    "--step -0.1": ["step", "-0.1", "positive"],
+    "--step 0.1 --planes 9": ["step=0.1", "count=9", "exactly one"],
+    "--step 0.0001": ["20001 planes", "at most 2000", "--force"],
+    "--planes 1": ["planes", "1", "at least 2"],
+    "--skip 0": ["skip", "J = 0", "at least 1"],
+    "--radius 24": ["radius", "49 px", "48×48 px", "smaller --radius"],
+    "--radius 0": ["radius", "0", "at least 1"],
+    "--epsilon 0": ["epsilon", "0", "positive"],
+    "--threshold 1.5": ["threshold", "1.5", "(0, 1]"],
+    "--delta most": ["--delta", "most", "photo", "sign", "none"],
+    "--gradient prewitt": ["--gradient", "prewitt", "central", "sobel"],
+    "--threads 0": ["threads", "0", "at least 1"],
+    "--method sgm": ["method", "'sgm'", "fbs, fbs-sfa, fbsocc-sfa"],
+    "--preset mine": ["preset", "'mine'", "paper-synthetic"],
+    "--quantity width": ["--quantity", "width", "disparity", "depth"],
+    "--mesh": ["map.pfm", "no meshes", ".ply"],
+    "--views 3": ["--views", "'3'", "COLUMNSxROWS"],
+    "--views 7x5": ["scene", "7 views asked for", "1 to 5", "choose fewer"],
+    "--crop 0 0 49 48": ["scene", "crop 0 0 49 48", "48x48 px"],
+    "--scale 2": ["scale", "2", "at most 1"],
+    "--format jpeg2000": ["format 'jpeg2000'", "benchmark"],
+    "--colour": ["--colour", "see lfdepth estimate --help"],
+    "--preview map.jpg": ["map.jpg", "PNG", "rename"],
+    "--preview none/map.png": ["none/map.png", "folder none does not exist", "create it"],
+}
+
+
+@pytest.mark.parametrize("options", BAD_OPTIONS)
+def test_bad_option(scene: Path, run: Run, options: str) -> None:
+    assert_refused(run("estimate", "scene", "-o", "map.pfm", *options.split()), BAD_OPTIONS[options])
+    assert left_behind() == []
+
+
+BAD_COMMANDS: dict[str, list[str]] = {
+    "estimate scene": ["--output", "see lfdepth estimate --help"],
+    "estimate scene other -o map.pfm": ["other", "see lfdepth estimate --help"],
+    "estimate nowhere -o map.pfm": ["nowhere", "no such file or folder", "check the path"],
+    "estimate scene -o map.jpg": ["map.jpg", "unknown ending .jpg", ".pfm", ".png", ".npy", ".npz"],
+    "estimate scene -o map": ["map", "unknown ending", ".pfm", ".png", ".npy", ".npz"],
+    "estimate scene -o none/map.pfm": ["none/map.pfm", "folder none does not exist", "create it"],
+    "estimate scene -o scene/parameters.cfg/map.pfm": ["folder scene/parameters.cfg does not exist"],
+    "estimate scene -o map.png --preview map.png": ["map.png", "two different files", "rename"],
+    "evaluate map.pfm scene": ["map.pfm", "no such file", "check the path"],
+    "evaluate scene/input_Cam000.png scene": ["scene/input_Cam000.png", "16-bit grey", "preview"],
+    "evaluate scene/parameters.cfg scene": ["scene/parameters.cfg", "unknown ending .cfg", ".pfm"],
+    "info nowhere": ["nowhere", "no such file or folder", "check the path"],
+    "estimat scene": ["estimat", "see lfdepth --help"],
+    "demo --size 40": ["size", "40", "at least 64 px"],
+    "demo -o scene/parameters.cfg": ["scene/parameters.cfg", "folder"],
+}
+
+
+@pytest.mark.parametrize("command", BAD_COMMANDS)
+def test_bad_command(scene: Path, run: Run, command: str) -> None:
+    assert_refused(run(*command.split()), BAD_COMMANDS[command])
+    assert left_behind() == []
+
+
+def test_range_is_asked_for_where_nothing_tells_it(scene: Path, run: Run) -> None:
+    (scene / "parameters.cfg").unlink()
+    assert_refused(run("estimate", "scene", "-o", "map.pfm"), ["range", "scene", "--range MIN MAX"])
+    assert run("estimate", "scene", "-o", "map.pfm", "--range", "-0.5", "1.5")[0] == 0
+
+
+def test_force_allows_many_planes(scene: Path, run: Run) -> None:
+    status, out, _ = run("estimate", "scene", "-o", "map.pfm", "--planes", "2001", "--force", "--json")
+    assert status == 0
+    assert json.loads(out)["planes"] == 2001
+
+
+@pytest.mark.parametrize(
+    ("content", "parts"),
+    [
+        (nan_map(), ["map.pfm", "1 of 2304 values are NaN or infinite"]),
+        (nan_map()[:-9], ["map.pfm", "expected"]),
+        (b"Pf\n8 8\n-1.0\n" + bytes(256), ["8x8 px", "48x48 px", "scene"]),
+        (b"P6 no map", ["map.pfm", "expected"]),
+    ],
+    ids=["NaN", "truncated", "other size", "no map"],
+)
+def test_bad_result(scene: Path, run: Run, content: bytes, parts: list[str]) -> None:
+    Path("map.pfm").write_bytes(content)
+    assert_refused(run("evaluate", "map.pfm", "scene", "--error-map", "error.png"), parts)
+    assert left_behind() == ["map.pfm"]
+
+
+def test_evaluate_without_truth(scene: Path, run: Run) -> None:
+    write("map.pfm", np.zeros((SIZE, SIZE), np.float32))
+    (scene / "gt_disp_lowres.pfm").unlink()
+    assert_refused(run("evaluate", "map.pfm", "scene"), ["scene", "no truth", "gt_disp_lowres.pfm"])
+
+
+def assert_refused(outcome: tuple[int, str, str], parts: list[str]) -> None:
+    """Exit status 2, nothing on standard output, one line on standard error that holds the parts."""
+    status, out, err = outcome
+    assert (status, out) == (2, "")
+    assert err.startswith("error: ")
+    assert err.count("\n") == 1
+    assert err.endswith("\n")
+    for part in parts:
+        assert part in err
+
+
+# --- breaks: nothing half-written stays, and what was there before does
+
+
+def test_full_disk(scene: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    Path("map.npy").write_text("of yesterday")
+
+    def save(path: Path, _: object) -> None:
+        Path(path).write_bytes(b"half a ma")
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "save", save)
+    parts = ["map.npy", "No space left on device", "free space"]
+    assert_refused(run("estimate", "scene", "-o", "map.npy"), parts)
+    assert left_behind() == ["map.npy"]
+    assert Path("map.npy").read_text() == "of yesterday"
+
+
+def test_folder_that_may_not_be_written(scene: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> int:
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(os, "open", refuse)
+    parts = ["map.pfm", "Permission denied", "writable folder"]
+    assert_refused(run("estimate", "scene", "-o", "map.pfm"), parts)
+
+
+def test_file_error_from_anywhere_is_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(path: Path, **_: object) -> None:
+        raise OSError(5, "Input/output error", str(path))
+
+    monkeypatch.setattr(lfdepth, "read", fail, raising=False)
+    assert_refused(run("info", "scene"), ["scene: Input/output error"])
+
+
+def test_too_little_memory_is_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(path: Path, **_: object) -> None:
+        raise MemoryError("Unable to allocate 64 GiB")
+
+    monkeypatch.setattr(lfdepth, "read", fail, raising=False)
+    assert_refused(run("info", "scene"), ["not enough memory", "64 GiB", "smaller views"])
+
+
+def test_interrupted_while_writing(scene: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def save(path: Path, _: object) -> None:
+        Path(path).write_bytes(b"half a ma")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(np, "save", save)
+    assert run("estimate", "scene", "-o", "map.npy") == (130, "", "interrupted\n")
+    assert left_behind() == []
+
+
+# --- as a process of its own
+
+
+def process(*words: str, **variables: str) -> subprocess.Popen[str]:
+    # A bare interpreter may have cwd first on its path: -P keeps it out.
+    command = [sys.executable, "-P", "-c", "import sys; from lfdepth.cli import main; sys.exit(main())"]
+    return subprocess.Popen(
+        [*command, *words],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        encoding="utf-8",
+        env={**os.environ, "PYTHONUTF8": "1", **variables},
+    )
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT for a single process")
+def test_ctrl_c_while_kernels_compile(scene: Path, tmp_path: Path) -> None:
+    cold = str(tmp_path / "scene" / "cache")
+    child = process("estimate", "scene", "-o", "map.pfm", NUMBA_CACHE_DIR=cold)
+    assert child.stderr is not None
+    assert child.stderr.readline() == "compiling kernels (first run only)\n"
+    child.send_signal(signal.SIGINT)
+    out, err = child.communicate(timeout=120)
+    assert (child.returncode, out, err) == (130, "", "interrupted\n")
+    assert left_behind() == []
+
+
+def test_json_is_all_there_is_on_standard_output(scene: Path) -> None:
+    child = process("estimate", "scene", "-o", "map.pfm", "--json")
+    out, _ = child.communicate(timeout=300)
+    assert child.returncode == 0
+    assert json.loads(out)["written"] == ["map.pfm"]
+
+
+def test_reader_that_leaves_early(scene: Path) -> None:
+    child = process("methods")
+    assert child.stdout is not None
+    assert child.stderr is not None
+    child.stdout.close()
+    assert child.stderr.read() == ""
+    child.wait(timeout=60)
+
+
+@pytest.mark.parametrize("words", ["--help", "estimate --help", "methods"])
+def test_help_loads_nothing_heavy(words: str) -> None:
+    heavy = "{'numba', 'matplotlib', 'scipy', 'PIL', 'imagecodecs', 'tqdm', 'h5py'}"
+    code = (
+        f"import sys; from lfdepth.cli import main; main({words.split()}); print({heavy} & set(sys.modules))"
+    )
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert run.stdout.splitlines()[-1] == "set()"
