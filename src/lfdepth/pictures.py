@@ -31,6 +31,7 @@ ERROR_LIMIT = 0.3
 
 _VALUES, _SIGNED = "viridis", "RdBu_r"
 _NO_VALUE = (160, 160, 160)
+_NOT_CONCERNED, _WRONG = (190, 208, 228), (214, 40, 40)
 _DPI = 128  # a power of two, so that whole pixels survive the way through matplotlib's inches
 _MARGIN, _GAP, _BAR = 10, 10, 16  # px
 _SMALLEST = 300  # px
@@ -64,6 +65,31 @@ def view_colours(view: Array) -> Pixels:
     scale = {"uint8": 1.0, "uint16": 1 / 257}.get(view.dtype.name, 255.0)
     eight_bit = view if view.dtype == np.uint8 else np.rint(view * scale).clip(0, 255).astype(np.uint8)
     return np.broadcast_to(eight_bit, (*view.shape[:2], 3))
+
+
+def slice_colours(values: Array, where: Array | None = None) -> Pixels:
+    """Colours (H, W, 3) uint8 of votes (H, W) from −1 (black) to 1 (white); light blue outside `where`."""
+    colours = np.repeat(np.rint((np.clip(values, -1, 1) + 1) * 127.5).astype(np.uint8)[..., None], 3, axis=2)
+    if where is not None:
+        colours[~where] = _NOT_CONCERNED
+    return colours
+
+
+def decision_colours(foreground: Array, truth: Array | None = None) -> Pixels:
+    """Colours (H, W, 3) uint8 of a foreground map (H, W) bool, white on black; errors to the truth in red."""
+    colours = slice_colours(np.where(foreground, 1.0, -1.0))
+    if truth is not None:
+        colours[foreground != truth] = _WRONG
+    return colours
+
+
+def framed(pixels: Pixels, x: int, y: int, width: int, height: int, colour: tuple[int, int, int]) -> Pixels:
+    """Copy of a picture with a frame, 2 px thick, around the window whose top left pixel is (x, y)."""
+    copy = pixels.copy()
+    window = copy[y : y + height, x : x + width]
+    for edge in (window[:2], window[-2:], window[:, :2], window[:, -2:]):
+        edge[...] = colour
+    return copy
 
 
 def span(*maps: Array) -> Range:
@@ -127,7 +153,7 @@ def preview(
     _check_alike(disparity, disparity)
     range = range or span(disparity)
     cell = Cell(disparity_colours(disparity, range), title or "")
-    _save(_grid([Line([cell], Bar(_VALUES, range, label))]), path)
+    save(compose([Line([cell], Bar(_VALUES, range, label))]), path)
 
 
 def error_map(
@@ -159,7 +185,7 @@ def error_map(
     caption = ["red: too near, blue: too far" + ("" if np.isfinite(disparity).all() else ", grey: no value")]
     if scores := score_line(disparity, truth):
         caption = [scores, f"{caption[0]}; {LOW.border} px border not scored"]
-    _save(_grid([Line([cell], _error_bar(limit))], caption), path)
+    save(compose([Line([cell], _error_bar(limit))], caption), path)
 
 
 def difference_map(
@@ -198,7 +224,7 @@ def difference_map(
     cell = Cell(difference_colours(a, b, truth, limit), title or "")
     bar = Bar(_SIGNED, (-limit, limit), "difference of |error| (px per view step)", open_ends=True)
     caption = [f"blue: {names[0]} is better, red: {names[1]} is better"]
-    _save(_grid([Line([cell], bar)], caption), path)
+    save(compose([Line([cell], bar)], caption), path)
 
 
 # --- panels
@@ -251,7 +277,7 @@ def panel(*rows: PanelRow, path: Path | str, limit: float = ERROR_LIMIT) -> None
     """
     if not rows:
         raise LightFieldError("panel: no scene; expected at least one PanelRow; give one")
-    _save(_grid([line for row in rows for line in _panel_lines(row, limit)]), path)
+    save(compose([line for row in rows for line in _panel_lines(row, limit)]), path)
 
 
 def _panel_lines(row: PanelRow, limit: float) -> list[Line]:
@@ -347,8 +373,8 @@ class _Canvas:
         return pixels
 
 
-def _grid(lines: Sequence[Line], caption: Sequence[str] = ()) -> Pixels:
-    """Compose lines of pictures, one below the other, over a caption."""
+def compose(lines: Sequence[Line], caption: Sequence[str] = ()) -> Pixels:
+    """Put lines of pictures, one below the other, over a caption: one picture (H, W, 3) uint8 for `save`."""
     lines = [Line([_enlarged(cell) for cell in line.cells], line.bar) for line in lines]
     narrowest = min(cell.pixels.shape[1] for line in lines for cell in line.cells)
     text_size = min(max(narrowest // 28, _SMALLEST_TEXT), _LARGEST_TEXT)
@@ -422,7 +448,8 @@ def _ticks(bar: Bar) -> list[tuple[float, str]]:
     return ticks
 
 
-def _save(pixels: Pixels, path: Path | str) -> None:
+def save(pixels: Pixels, path: Path | str) -> None:
+    """Write a picture (H, W, 3) uint8 as PNG; LightFieldError where that is impossible."""
     from PIL import Image
 
     path = Path(path)

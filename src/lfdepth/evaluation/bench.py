@@ -88,6 +88,7 @@ def bench(
     external: Sequence[Path | str] = (),
     published: bool = True,
     compare: Sequence[tuple[str, str]] | None = None,
+    cache: Path | str | None = None,
     threads: int | None = None,
     progress: Progress | None = None,
 ) -> Bench:
@@ -111,6 +112,8 @@ def bench(
     compare : sequence of (str, str), optional
         Pairs of methods for the pictures of the difference of their errors (the paper's figure 7): the first
         is blue where it is better. Each method with the one before it by default.
+    cache : path, optional
+        Folder of the cache; ``out/cache`` by default.
     threads : int, optional
         Passed to `estimate`.
     progress : callable, optional
@@ -129,7 +132,7 @@ def bench(
 
     Notes
     -----
-    Runs are remembered in ``out/cache`` with their run time (`Cache`). So a bench that was interrupted goes
+    Runs are remembered in the cache with their run time (`Cache`). So a bench that was interrupted goes
     on where it stopped, and one that was complete writes the same bytes again.
     """
     from lfdepth.evaluation.report import write_reports
@@ -138,14 +141,15 @@ def bench(
     chosen = cross([each if isinstance(each, Setting) else setting(each) for each in methods], settings)
     folders = [Path(folder) for folder in external]
     _check_plan(specs, chosen, folders)
-    cache = Cache(make_folder(Path(out) / "cache"))
-    runner = _Runner(chosen, folders, cache, threads, progress, len(specs) * len(chosen))
+    out = make_folder(Path(out))
+    remembered = Cache(make_folder(Path(cache or out / "cache")))
+    runner = _Runner(chosen, folders, remembered, threads, progress, len(specs) * len(chosen))
     found = [scene for spec in specs if (scene := runner.run(spec))]
     runner.announce("report")
     origins: dict[str, Origin] = {each.name: "measured" for each in chosen}
     origins |= {folder.name: "external" for folder in folders}
     result = Bench(tuple(found), origins, chosen, tuple(runner.failures))
-    write_reports(result, Path(out), published=published, compare=compare)
+    write_reports(result, out, published=published, compare=compare)
     return result
 
 

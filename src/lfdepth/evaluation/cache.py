@@ -81,7 +81,9 @@ def _warm_up(lf: LightField, method: Method) -> None:
     """Compile what the method needs, so that run times are those of the method alone."""
     from lfdepth.sweep.run import estimate
 
-    estimate(lf.crop(0, 0, min(lf.width, 64), min(lf.height, 64)), method, planes=3, step=None)
+    # More planes than J, since the first J of them run without a mask.
+    planes = method.skip + 3
+    estimate(lf.crop(0, 0, min(lf.width, 64), min(lf.height, 64)), method, planes=planes, step=None)
 
 
 def make_folder(folder: Path) -> Path:
@@ -96,6 +98,6 @@ def make_folder(folder: Path) -> Path:
 
 
 def one_line(error: Exception) -> str:
-    """Message of an error that a user can act on; others keep the name of their kind."""
+    """Message of an error that a user can act on; others keep the name of their kind and are cut short."""
     text = " ".join(str(error).split())
-    return text if isinstance(error, LightFieldError) else f"{type(error).__name__}: {text}"
+    return text if isinstance(error, LightFieldError) else f"{type(error).__name__}: {text[:200]}"

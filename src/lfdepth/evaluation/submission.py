@@ -97,7 +97,7 @@ def submit(
     method : str or Setting
         ``name`` or ``name:parameter=value,...``.
     partial : bool
-        Make the zip also where scenes are absent or failed.
+        Make the zip also where some scenes are absent or failed.
     threads : int, optional
         Passed to `estimate`.
     progress : callable, optional
@@ -136,7 +136,7 @@ def submit(
             made[name] = _run(name, folder, chosen, cache, out, threads)
         except Exception as error:  # one bad scene must not cost the others
             problems.append(f"{name}: {one_line(error)}")
-    if problems and not partial:
+    if not made or (problems and not partial):
         return Submission(None, tuple(made), tuple(problems))
     archive = out / "submission.zip"
     _zip(archive, [file for files in made.values() for file in files], out)
