@@ -1,0 +1,402 @@
+"""The paper's experiments by name, on whatever of its data is there.
+
+Lee et al., IEEE Access 2021, DOI 10.1109/ACCESS.2021.3098819: table 1, figures 2 and 4 to 8, and the run
+times of section IV, with the paper's parameters (step 0.02 and J = 7 on synthetic scenes, 0.05 and 5 on real
+ones).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from lfdepth.errors import LightFieldError
+from lfdepth.evaluation.bench import Progress, bench, read_external
+from lfdepth.evaluation.cache import Cache, make_folder, one_line
+from lfdepth.evaluation.figures import (
+    OCCLUSION,
+    PLAIN,
+    Study,
+    figure2,
+    figure4,
+    figure5,
+    figure8,
+    range_of,
+    study,
+)
+from lfdepth.evaluation.metrics import Array, mean_over_scenes
+from lfdepth.evaluation.plan import SceneSpec, Setting
+from lfdepth.evaluation.published import published_rows
+from lfdepth.evaluation.submission import HOME, SCENES, find_scenes
+from lfdepth.evaluation.tables import figures as printed
+from lfdepth.lightfield import LightField
+from lfdepth.methods import method
+from lfdepth.pictures import PanelRow, difference_map, panel, save
+
+SHOWN = ("boxes", "cotton", "backgammon", "pyramids")
+"""Scenes of the paper's figures 6 and 7."""
+
+SUITE = ("demo", "bars", "leaves", "sphere")
+"""Procedural scenes that stand in for them where there is no data."""
+
+SUITE_REAL = ("room", "noise-2", "gloss")
+"""Procedural scenes with noise or gloss that stand in for real ones."""
+
+REAL_HOME = "http://lightfields.stanford.edu/LF2016.html"
+"""Where Lytro Illum pictures with 14×14 views in ESLF layout can be downloaded."""
+
+REAL_RANGE = (-1.5, 1.5)
+"""Disparity range, px per view step, of real scenes that carry none; holds all of a Lytro Illum picture."""
+
+SYNTHETIC: dict[str, Any] = {"preset": "paper-synthetic"}
+REAL: dict[str, Any] = {"preset": "paper-real"}
+METHODS = ("fbs", PLAIN, OCCLUSION)
+
+PAPER_SECONDS = {
+    (PLAIN, "synthetic"): 2.110,
+    (OCCLUSION, "synthetic"): 3.347,
+    (PLAIN, "real"): 1.592,
+    (OCCLUSION, "real"): 2.607,
+}
+"""Seconds per slice in the paper: MATLAB, one thread."""
+
+PAPER_PIXELS = {"synthetic": 512 * 512, "real": 541 * 375}
+"""Pixels of a view in the paper."""
+
+
+@dataclass(eq=False)
+class Reproduced:
+    """What `reproduce` made.
+
+    Attributes
+    ----------
+    files : list of Path
+    missing : list of str
+        What of the paper's data is not there, and where to get it.
+    failures : list of str
+        What went wrong, by experiment and scene.
+    """
+
+    files: list[Path] = field(default_factory=list)
+    missing: list[str] = field(default_factory=list)
+    failures: list[str] = field(default_factory=list)
+
+
+def reproduce(
+    experiments: Sequence[str],
+    out: Path | str,
+    *,
+    data: Path | str | None = None,
+    external: Sequence[Path | str] = (),
+    real_range: tuple[float, float] = REAL_RANGE,
+    threads: int | None = None,
+    progress: Progress | None = None,
+) -> Reproduced:
+    """Redo experiments of the paper.
+
+    Parameters
+    ----------
+    experiments : sequence of str
+        Names out of `EXPERIMENTS`; empty for all.
+    out : path
+        Folder for pictures and tables; made if absent.
+    data : path, optional
+        Folder with scenes of the 4D Light Field Benchmark, each in a folder of its name, and Lytro pictures
+        named `*eslf*.png`, at most two levels down. What is missing is listed and the rest runs. Without a
+        folder, or with nothing in it, procedural scenes stand in for all.
+    external : sequence of path
+        Folders with maps of other programs, as for `bench`, for table 1 and figure 6.
+    real_range : (float, float)
+        Disparity range, px per view step, for Lytro pictures, which carry none.
+    threads : int, optional
+        Passed to `estimate`; the run times are always taken on one thread, as in the paper.
+    progress : callable, optional
+        Called with (experiments done, experiments in all, what comes next).
+
+    Returns
+    -------
+    Reproduced
+
+    Raises
+    ------
+    LightFieldError
+        If an experiment is unknown, or `out` or `data` cannot be used.
+    """
+    chosen = list(dict.fromkeys(experiments)) or list(EXPERIMENTS)
+    if unknown := [name for name in chosen if name not in EXPERIMENTS]:
+        raise LightFieldError(
+            f"experiment: found {unknown[0]!r}; expected one of {', '.join(EXPERIMENTS)}; choose one of these"
+        )
+    synthetic, real = _find(Path(data) if data else None)
+    lab = _Laboratory(
+        make_folder(Path(out)), synthetic, real, [Path(each) for each in external], real_range, threads
+    )
+    lab.result.missing += _missing(chosen, synthetic, real)
+    for number, name in enumerate(chosen):
+        if progress:
+            progress(number, len(chosen), name)
+        try:
+            EXPERIMENTS[name](lab)
+        except Exception as error:  # one experiment must not cost the others
+            lab.result.failures.append(f"{name}: {one_line(error)}")
+    lab.write_index()
+    return lab.result
+
+
+def _find(data: Path | None) -> tuple[dict[str, SceneSpec], dict[str, SceneSpec]]:
+    """Synthetic and real scenes below a folder; procedural ones where there is none of either."""
+    synthetic = {name: SceneSpec(folder, name) for name, folder in find_scenes(data).items()} if data else {}
+    pictures = [file for depth in ("*", "*/*") for file in sorted(data.glob(depth))] if data else []
+    real = {
+        file.stem: SceneSpec(file, file.stem)
+        for file in pictures
+        if "eslf" in file.stem.lower() and file.suffix.lower() == ".png"
+    }
+    if synthetic or real:
+        return synthetic, real
+    return {name: SceneSpec(name) for name in SUITE}, {name: SceneSpec(name) for name in SUITE_REAL}
+
+
+def _missing(chosen: Sequence[str], synthetic: dict[str, SceneSpec], real: dict[str, SceneSpec]) -> list[str]:
+    """What of the paper's data the chosen experiments would need and do not have."""
+    missing = []
+    if "table1" in chosen:
+        wanted: Sequence[str] = SCENES
+    else:
+        wanted = SHOWN if {"figure6", "figure7"} & set(chosen) else ()
+    if absent := [name for name in wanted if name not in synthetic]:
+        missing.append(f"4D Light Field Benchmark: {', '.join(absent)}; get them from {HOME}")
+    if {"figure8", "runtime"} & set(chosen) and not any(
+        isinstance(spec.source, Path) for spec in real.values()
+    ):
+        missing.append(f"Lytro Illum pictures, 14×14 views, named *eslf*.png; get them from {REAL_HOME}")
+    return missing
+
+
+@dataclass(eq=False)
+class _Laboratory:
+    """Scenes, and where results go."""
+
+    out: Path
+    synthetic: dict[str, SceneSpec]
+    real: dict[str, SceneSpec]
+    external: list[Path]
+    real_range: tuple[float, float]
+    threads: int | None
+    result: Reproduced = field(default_factory=Reproduced)
+    study: Study | None = None
+    rendered: dict[str, LightField] = field(default_factory=dict)
+
+    @property
+    def cache(self) -> Cache:
+        return Cache(make_folder(self.out / "cache"))
+
+    def shown(self) -> dict[str, SceneSpec]:
+        """Scenes of figures 6 and 7: the paper's that are there, else all that are."""
+        return {name: self.synthetic[name] for name in SHOWN if name in self.synthetic} or self.synthetic
+
+    def each(self, specs: dict[str, SceneSpec], experiment: str) -> Iterator[LightField]:
+        """Light fields; those that cannot be read are named."""
+        for name, spec in specs.items():
+            try:
+                yield self._load(spec)
+            except Exception as error:  # one bad scene must not cost the others
+                self.result.failures.append(f"{experiment}: {name}: {one_line(error)}")
+
+    def _load(self, spec: SceneSpec) -> LightField:
+        """Read a scene; procedural ones, which are small and take seconds to render, only once."""
+        if not isinstance(spec.source, str):
+            return spec.load()
+        if spec.source not in self.rendered:
+            self.rendered[spec.source] = spec.load()
+        return self.rendered[spec.source]
+
+    def maps(self, lf: LightField, names: Sequence[str], options: dict[str, Any]) -> dict[str, Array]:
+        """Disparity maps of a light field by method."""
+        found = [self.cache.estimate(lf, method(name, **options), threads=self.threads) for name in names]
+        return {name: each.disparity for name, each in zip(names, found, strict=True)}
+
+    def others(self, lf: LightField) -> dict[str, Array]:
+        """Maps of other programs that fit the light field."""
+        maps = {}
+        for folder in self.external:
+            try:
+                disparity = read_external(folder, lf.name).disparity
+            except LightFieldError as error:
+                self.result.failures.append(str(error))
+                continue
+            if disparity.shape == lf.views.shape[2:4]:
+                maps[folder.name] = disparity
+        return maps
+
+    def intermediate(self) -> Study:
+        """Volumes in a window of the first scene that has truth, shared by figures 2, 4 and 5."""
+        if self.study is None:
+            specs = self.shown() | self.synthetic
+            scene = next((lf for lf in self.each(specs, "figures 2, 4, 5") if lf.truth is not None), None)
+            if scene is None:
+                from lfdepth import scenes
+
+                scene = scenes.render(SUITE[0])
+            self.study = study(scene, threads=self.threads, **SYNTHETIC)
+        return self.study
+
+    def add(self, name: str) -> Path:
+        """Path of a result, entered into the list."""
+        self.result.files.append(self.out / name)
+        return self.out / name
+
+    def write(self, name: str, lines: Sequence[str]) -> None:
+        """Write a text."""
+        from lfdepth.io.atomic import atomic
+
+        with atomic(self.add(name)) as temporary:
+            temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
+
+    def write_index(self) -> None:
+        """Write what was made, what is missing and what failed."""
+        made = sorted({file.relative_to(self.out).as_posix() for file in self.result.files})
+        lines = ["# The paper's experiments", "", *(f"- [{name}]({name})" for name in made)]
+        for title, entries in (("Missing", self.result.missing), ("Failed", self.result.failures)):
+            if entries:
+                lines += ["", f"## {title}", "", *(f"- {entry}" for entry in entries)]
+        self.write("index.md", lines)
+
+
+# --- the experiments
+
+
+def _table1(lab: _Laboratory) -> None:
+    """BadPix 0.07, MSE, discontinuities and run time, means over the scenes."""
+    settings = [Setting(name, name, SYNTHETIC) for name in METHODS]
+    found = bench(
+        list(lab.synthetic.values()),
+        settings,
+        lab.out / "table1",
+        external=[folder for folder in lab.external if folder.is_dir()],
+        compare=[(OCCLUSION, PLAIN)],
+        cache=lab.out / "cache",
+        threads=lab.threads,
+    )
+    lab.result.failures += [f"table1: {failure}" for failure in found.failures]
+    lab.add("table1/report.html")
+    keys = {"badpix_0.07": "BadPix 0.07 (%)", "mse_x100": "MSE×100", "discontinuities": "Discontinuities (%)"}
+    lines = [
+        f"Means over {len(found.scenes)} scenes: {', '.join(scene.name for scene in found.scenes)}.",
+        "Discontinuities: over the scenes that have its mask. All metrics and scenes: table1/report.html.",
+        "",
+        f"| method | {' | '.join(keys.values())} | run time (s) |",
+        "|---" * (len(keys) + 2) + "|",
+    ]
+    for name in found.methods:
+        entries = [scene.entries[name] for scene in found.scenes if name in scene.entries]
+        scores = [entry.scores for entry in entries if entry.scores]
+        values = [mean_over_scenes([each.get(key) for each in scores]) for key in keys]
+        values.append(mean_over_scenes([entry.found.runtime for entry in entries]))
+        lines.append(f"| {name} | " + " | ".join(_or_dash(value) for value in values) + " |")
+    for row in published_rows():
+        if row.averages:
+            shown = [row.averages.get(key) for key in keys] + [row.runtime]
+            lines.append(
+                f"| *{row.method}* (published, all twelve scenes) | "
+                + " | ".join(_or_dash(value) for value in shown)
+                + " |"
+            )
+    lab.write("table1.md", ["# Table 1", "", *lines])
+
+
+def _or_dash(value: float | None) -> str:
+    return "–" if value is None or value != value else printed(value)
+
+
+def _intermediate(name: str, draw: Callable[[Study], Array]) -> Callable[[_Laboratory], None]:
+    def run(lab: _Laboratory) -> None:
+        pixels = draw(lab.intermediate())
+        save(pixels, lab.add(f"{name}.png"))
+
+    return run
+
+
+def _figure6(lab: _Laboratory) -> None:
+    """Maps of all methods and their errors."""
+    for lf in lab.each(lab.shown(), "figure6"):
+        maps = lab.others(lf) | lab.maps(lf, METHODS, SYNTHETIC)
+        row = PanelRow(lf.reference, maps, lf.truth, lf.name, range_of(lf, maps))
+        panel(row, path=lab.add(f"figure6-{lf.name}.png"))
+
+
+def _figure7(lab: _Laboratory) -> None:
+    """Difference of absolute errors of FBSOCC-SFA and FBS-SFA."""
+    for lf in lab.each(lab.shown(), "figure7"):
+        if lf.truth is not None:
+            maps = lab.maps(lf, (PLAIN, OCCLUSION), SYNTHETIC)
+            path = lab.add(f"figure7-{lf.name}.png")
+            names = (OCCLUSION, PLAIN)
+            difference_map(maps[OCCLUSION], maps[PLAIN], lf.truth, path, names=names, title=lf.name)
+
+
+def _figure8(lab: _Laboratory) -> None:
+    """Real scenes, with two enlarged windows each."""
+    for lf in lab.each(lab.real, "figure8"):
+        scene = replace(lf, disparity_range=lf.disparity_range or lab.real_range)
+        maps = lab.others(scene) | lab.maps(scene, (PLAIN, OCCLUSION), REAL)
+        pixels = figure8(scene.reference, maps, range_of(scene, maps))
+        save(pixels, lab.add(f"figure8-{lf.name}.png"))
+
+
+def _runtime(lab: _Laboratory) -> None:
+    """Seconds per slice on one thread."""
+    lines = [
+        "# Seconds per slice, one thread",
+        "",
+        "Median over the planes. The paper: MATLAB, one thread, 4.1 GHz, on 9×9 views of 512×512 px",
+        "(synthetic) and 541×375 px (real); its figures are scaled to the number of pixels here.",
+        "",
+        "| scene | V×U×H×W | method | seconds per slice | the paper's | times faster |",
+        "|---|---|---|---|---|---|",
+    ]
+    for kind, specs, options in (("synthetic", lab.synthetic, SYNTHETIC), ("real", lab.real, REAL)):
+        first = dict(list(specs.items())[:1])
+        for lf in lab.each(first, "runtime"):
+            scene = replace(lf, disparity_range=lf.disparity_range or lab.real_range)
+            share = lf.height * lf.width / PAPER_PIXELS[kind]
+            for name in (PLAIN, OCCLUSION):
+                seconds, paper = seconds_per_plane(scene, name, options), PAPER_SECONDS[name, kind] * share
+                cells = [lf.name, "×".join(map(str, lf.shape[:4])), name, f"{seconds:.4f}", f"{paper:.3f}"]
+                lines.append(f"| {' | '.join(cells)} | {paper / seconds:.0f} |")
+    lab.write("runtime.md", lines)
+
+
+def seconds_per_plane(lf: LightField, name: str, options: dict[str, Any], planes: int = 24) -> float:
+    """Median time of one plane on one thread, in s, over `planes` planes in the middle of the range."""
+    from lfdepth.sweep.run import estimate
+
+    assert lf.disparity_range is not None  # the caller has seen to it
+    chosen = method(name, **options)
+    middle, reach = sum(lf.disparity_range) / 2, planes / 2 * (chosen.step or 0.05)
+    ticks: list[float] = []
+
+    def tick(done: int, total: int) -> None:
+        ticks.append(time.perf_counter())
+
+    estimate(lf, chosen, range=(middle - reach, middle + reach), threads=1, progress=tick)
+    # The first planes may compile, and those before plane J have no mask to look at.
+    return median(after - before for before, after in pairwise(ticks[chosen.skip :]))
+
+
+EXPERIMENTS: dict[str, Callable[[_Laboratory], None]] = {
+    "table1": _table1,
+    "figure2": _intermediate("figure2", figure2),
+    "figure4": _intermediate("figure4", figure4),
+    "figure5": _intermediate("figure5", figure5),
+    "figure6": _figure6,
+    "figure7": _figure7,
+    "figure8": _figure8,
+    "runtime": _runtime,
+}
+"""The experiments by name."""
