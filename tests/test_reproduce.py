@@ -140,7 +140,9 @@ def test_jumps_are_boundaries_not_slopes() -> None:
 def two_planes() -> LightField:
     """A textured square at D = 1 before a textured wall at D = −1, sampled to whole pixels: exact."""
     rng = np.random.default_rng(0)
-    near, far = rng.integers(0, 255, (2, 96, 96), np.uint8)
+    noise = rng.normal(0, 120, (2, 96, 96))
+    smooth = np.mean([np.roll(noise, (i, j), (1, 2)) for i in range(5) for j in range(5)], axis=0)
+    near, far = (128 + smooth).clip(0, 255).astype(np.uint8)
     views = np.empty((5, 5, 96, 96, 1), np.uint8)
     square = np.zeros((96, 96), bool)
     square[30:66, 30:66] = True
