@@ -6,7 +6,8 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable
+import zipfile
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,12 @@ import pytest
 from PIL import Image
 
 import lfdepth
+from lfdepth import scenes
 from lfdepth.cli import main
-from lfdepth.cli.commands import DEFAULT_METHOD
+from lfdepth.cli.experiments import reproduce
+from lfdepth.cli.options import DEFAULT_METHOD
+from lfdepth.evaluation.reproduce import Reproduced
+from lfdepth.evaluation.reproduce import reproduce as reproduce_experiments
 from lfdepth.io import read_disparity, write
 
 SIZE = 48
@@ -385,6 +390,15 @@ BAD_COMMANDS: dict[str, list[str]] = {
     "evaluate scene/parameters.cfg scene": ["scene/parameters.cfg", "unknown ending .cfg", ".pfm"],
     "info nowhere": ["nowhere", "no such file or folder", "check the path"],
     "estimat scene": ["estimat", "see lfdepth --help"],
+    "bench -o out": ["nothing to run", "name them"],
+    "bench scene -o out --methods sgm": ["sgm", "fbs-sfa"],
+    "bench scene -o out --methods fbs:step": ["fbs:step", "METHOD:NAME=VALUE"],
+    "bench --plan no.toml -o out": ["no.toml", "No such file"],
+    "reproduce figure3 -o out": ["'figure3'", "figure2, figure4"],
+    "submit": ["DATA", "--check ZIP"],
+    "submit nowhere -o out": ["nowhere", "no such folder", "check the path"],
+    "submit --check scene/parameters.cfg": ["scene/parameters.cfg", "not a readable zip"],
+    "scenes render nowhere -o out": ["'nowhere'", "bars"],
     "demo --size 40": ["size", "40", "at least 64 px"],
     "demo -o scene/parameters.cfg": ["scene/parameters.cfg", "folder"],
 }
@@ -439,6 +453,99 @@ def assert_refused(outcome: tuple[int, str, str], parts: list[str]) -> None:
     assert err.endswith("\n")
     for part in parts:
         assert part in err
+
+
+# --- many estimates
+
+
+def test_bench_goes_on_past_a_scene_that_fails(scene: Path, run: Run) -> None:
+    methods = ["--methods", "fbs", "fbs-sfa:step=0.1"]
+    status, out, err = run("bench", "scene", "nowhere", "-o", "out", *methods, "--no-published", "--json")
+    assert status == 1
+    assert err.startswith("failed: nowhere: ")
+    assert err.count("\n") == 1
+    results = json.loads(out)["results"]
+    assert [(each["scene"], each["method"]) for each in results] == [
+        ("scene", "fbs"),
+        ("scene", "fbs-sfa:step=0.1"),
+    ]
+    _, scores, _ = run_scores(run)
+    assert results[0]["scores"]["badpix_0.07"] == pytest.approx(scores["badpix_0.07"])
+    assert {"report.html", "results.csv", "results.json", "results.md"} <= {
+        path.name for path in Path("out").iterdir()
+    }
+
+
+def run_scores(run: Run) -> tuple[int, dict[str, float], str]:
+    """Scores of `fbs` on the scene by the two usual commands."""
+    run("estimate", "scene", "-o", "fbs.npy", "--method", "fbs")
+    status, out, err = run("evaluate", "fbs.npy", "scene", "--json")
+    return status, json.loads(out)["scores"], err
+
+
+def test_bench_prints_its_main_tables(scene: Path, run: Run) -> None:
+    _, out, err = run("bench", "scene", "-o", "out", "--methods", "fbs")
+    assert err == ""
+    assert "### BadPix 0.07 (%)" in out
+    assert "### MSE×100 (px²)" in out
+    assert out.endswith(f"written  {Path('out/report.html')}\n")
+
+
+def test_bench_reads_a_plan(scene: Path, run: Run) -> None:
+    Path("plan.toml").write_text('scenes = ["scene"]\nmethods = ["fbs"]\n')
+    status, out, _ = run("bench", "--plan", "plan.toml", "-o", "out", "--json")
+    assert status == 0
+    assert [each["method"] for each in json.loads(out)["results"]] == ["fbs"]
+
+
+def test_reproduce_says_what_was_made_and_what_not(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+
+    def pretend(experiments: Sequence[str], out: Path, **options: object) -> Reproduced:
+        asked.extend([*experiments, out, options["data"], options["external"]])
+        return Reproduced([out / "table1.md"], ["dino: get it there"], ["figure8: bikes: too dark"])
+
+    monkeypatch.setattr("lfdepth.evaluation.reproduce.reproduce", pretend)
+    command = "reproduce table1 figure8 -o out --data there --external a b"
+    status, out, err = run(*command.split())
+    assert asked == ["table1", "figure8", Path("out"), Path("there"), (Path("a"), Path("b"))]
+    assert out == f"missing  dino: get it there\nwritten  {Path('out/table1.md')}\n"
+    assert (status, err) == (1, "failed: figure8: bikes: too dark\n")
+
+
+def test_default_range_of_real_scenes_is_the_librarys() -> None:
+    library = inspect.signature(reproduce_experiments).parameters["real_range"].default
+    assert inspect.signature(reproduce).parameters["real_range"].default == library
+
+
+def test_submit_checks_a_zip(scene: Path, run: Run) -> None:
+    with zipfile.ZipFile("mine.zip", "w") as archive:
+        archive.writestr("runtimes/cotton.txt", "soon")
+    status, out, err = run("submit", "--check", "mine.zip")
+    assert status == 1
+    assert "mine.zip: " in out
+    assert "failed: runtimes/cotton.txt: found 'soon'" in err
+    assert "failed: disp_maps/dino.pfm: missing" in err
+
+
+def test_submit_names_the_scenes_that_are_absent(scene: Path, run: Run) -> None:
+    Path("data").mkdir()
+    scene.rename("data/cotton")
+    status, out, err = run("submit", "data", "-o", "out", "--method", "fbs", "--json")
+    assert status == 1
+    assert json.loads(out)["zip"] is None
+    assert "failed: dino: no folder of that name below data" in err
+
+
+def test_scenes_are_listed_and_written(tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    _, out, _ = run("scenes", "list", "--json")
+    assert list(json.loads(out)) == list(scenes.NAMES)
+    command = "scenes render bars -o new/rendered --size 48 --views 3x5 --seed 2 --noise 1"
+    status, out, err = run(*command.split())
+    assert (status, out, err) == (0, f"written  {Path('new/rendered/bars')}\n", "")
+    wanted = scenes.render("bars", size=48, views=(5, 3), seed=2, noise=1)
+    np.testing.assert_array_equal(lfdepth.read("new/rendered/bars").views, wanted.views)
 
 
 # --- breaks: nothing half-written stays, and what was there before does

@@ -31,17 +31,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0, 2 after an error that one line on standard error explains, 130 after Ctrl-C.
+        Exit status: 0, 1 if a part of the work failed and the rest was done, 2 after an error that one line
+        on standard error explains, 130 after Ctrl-C.
     """
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a symbol must not stop a result
     try:
         from cyclopts import CycloptsError  # in here, so that Ctrl-C is Ctrl-C while it loads, too
 
-        from lfdepth.cli.commands import app
+        from lfdepth.cli import commands, experiments  # noqa: F401  # these register themselves
+        from lfdepth.cli.app import app
 
         try:
-            app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+            status = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
         except CycloptsError as error:
             help_page = " ".join([PROGRAM, *(error.command_chain or ()), "--help"])
             return _fail(f"{_one_line(error).rstrip('.')}; see {help_page}")
@@ -58,7 +60,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return FAILED
     except OSError as error:
         return _fail(f"{error.filename or 'file'}: {error.strerror or error}")
-    return 0
+    return status or 0
 
 
 def _fail(message: str) -> int:

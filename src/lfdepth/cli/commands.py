@@ -6,11 +6,11 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from cyclopts import App, Parameter
-
-from lfdepth import __version__, methods
+from lfdepth import methods
+from lfdepth.cli.app import app
 from lfdepth.cli.options import (
     AS_IT_IS,
+    DEFAULT_METHOD,
     UNCHANGED,
     Flag,
     Json,
@@ -28,19 +28,9 @@ from lfdepth.errors import LightFieldError
 if TYPE_CHECKING:
     from lfdepth.lightfield import LightField
 
-DEFAULT_METHOD = "fbsocc-sfa"
 DEMO_FOLDER = Path("lfdepth-demo")
 
 Quantity = Literal["disparity", "depth"]
-
-app = App(
-    name="lfdepth",
-    version=__version__,
-    help="Dense, sharp disparity maps from light fields by foreground-background separation.",
-    help_format="markdown",
-    suppress_keyboard_interrupt=False,
-    default_parameter=Parameter(negative_iterable=()),
-)
 
 
 @app.command(sort_key=1)

@@ -16,6 +16,8 @@ from lfdepth.errors import LightFieldError
 if TYPE_CHECKING:
     from lfdepth.lightfield import LightField
 
+DEFAULT_METHOD = "fbsocc-sfa"
+
 Flag = Annotated[bool, Parameter(negative=(), show_default=False)]
 Json = Annotated[
     bool,
@@ -94,7 +96,10 @@ def _grid(_: Any, tokens: Sequence[Token]) -> tuple[int, int]:
     return int(match[2]), int(match[1])
 
 
-Grid = Annotated[tuple[int, int] | None, Parameter(converter=_grid, n_tokens=1, metavar="COLUMNSxROWS")]
+_GRID = Parameter(converter=_grid, n_tokens=1, metavar="COLUMNSxROWS")
+
+Grid = Annotated[tuple[int, int] | None, _GRID]
+NumberOfViews = Annotated[tuple[int, int], _GRID, Parameter(show_default=lambda grid: f"{grid[1]}x{grid[0]}")]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -44,6 +44,16 @@ class Progress:
         if done == total:
             self._close_bar()
 
+    def step(self, done: int, total: int, what: str) -> None:
+        """Show the steps of a longer work that are done, of those in all, and what comes next."""
+        from tqdm import tqdm
+
+        if self._bar is None:
+            self._bar = tqdm(total=total, unit="step", leave=False, disable=None)
+        self._bar.set_description_str(what, refresh=False)
+        self._bar.update(done - self._bar.n)
+        self._bar.refresh()
+
     def announce(self, words: str) -> None:
         """Say what comes next, for people who watch."""
         if sys.stderr.isatty():

@@ -1,0 +1,277 @@
+"""Commands that run many estimates: comparisons, the paper's experiments, submissions, procedural scenes."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import App, Parameter
+
+from lfdepth import methods as known_methods
+from lfdepth.cli.app import PARTLY_FAILED, app
+from lfdepth.cli.options import DEFAULT_METHOD, Flag, Json, NumberOfViews, Output
+from lfdepth.cli.printing import report
+from lfdepth.errors import LightFieldError
+
+Several = Parameter(consume_multiple=True, show_default=False)
+
+MAIN_METRICS = ("badpix_0.07", "mse_x100", "q25", "runtime")
+"""Metrics whose tables are printed; the report has all."""
+
+
+@app.command(sort_key=10)
+def bench(
+    *scenes: str,
+    output: Output,
+    methods: Annotated[tuple[str, ...], Several] = (),
+    plan: Path | None = None,
+    external: Annotated[tuple[Path, ...], Several] = (),
+    compare: Annotated[tuple[str, str] | None, Parameter(metavar="A B")] = None,
+    published: bool = True,
+    threads: int | None = None,
+    as_json: Json = False,
+) -> int:
+    """Compare methods over scenes: tables in JSON, CSV and Markdown, and a report in one HTML file.
+
+    What is done is remembered in the output folder: after a break, the same command goes on where it stopped.
+    A scene or method that fails is named, and the rest goes on. For example:
+
+        lfdepth bench path/to/cotton path/to/dino -o compared
+        lfdepth bench suite --methods fbs-sfa fbsocc-sfa:step=0.02,skip=7 -o compared
+        lfdepth bench --plan plan.toml -o compared
+
+    Parameters
+    ----------
+    scenes
+        Light fields with truth, names of procedural scenes ("lfdepth scenes list"), or "suite" for all those.
+    output
+        Folder for the tables, report.html and the runs that are remembered.
+    methods
+        Methods, with parameters as in fbsocc-sfa:step=0.02,skip=7; all methods by default.
+    plan
+        TOML file with scenes, methods, settings and external, besides those given here.
+    external
+        Folders with maps of other programs, SCENE.pfm, and run times in seconds, SCENE.txt.
+    compare
+        Two methods for the pictures of the difference of their errors: blue where A is better.
+    published
+        Put published rows beside the measured ones.
+    threads
+        Number of threads; every processor by default.
+    """
+    from lfdepth.cli.progress import Progress
+    from lfdepth.evaluation.bench import bench as run_bench
+    from lfdepth.evaluation.plan import Plan, read_plan, setting
+    from lfdepth.evaluation.tables import markdown, tables
+
+    planned = read_plan(plan) if plan else Plan((), ())
+    named = methods or (() if plan else known_methods.NAMES)
+    with Progress() as progress:
+        result = run_bench(
+            [*planned.scenes, *scenes],
+            [*planned.settings, *map(setting, named)],
+            output,
+            external=[*planned.external, *external],
+            compare=[compare] if compare else None,
+            published=published,
+            threads=threads,
+            progress=progress.step,
+        )
+
+    def text(_: dict[str, Any]) -> str:
+        shown = [table for table in tables(result, published=False) if table.key in MAIN_METRICS]
+        return "\n".join([*(markdown(table, ()) for table in shown), f"written  {output / 'report.html'}"])
+
+    report(json.loads((output / "results.json").read_text(encoding="utf-8")), as_json, text)
+    return _status(list(map(str, result.failures)))
+
+
+@app.command(sort_key=11)
+def reproduce(
+    *experiments: str,
+    output: Output,
+    data: Path | None = None,
+    external: Annotated[tuple[Path, ...], Several] = (),
+    real_range: Annotated[tuple[float, float], Parameter(metavar="MIN MAX")] = (-1.5, 1.5),
+    threads: int | None = None,
+    as_json: Json = False,
+) -> int:
+    """Redo the paper's experiments: table1, figure2, figure4, figure5, figure6, figure7, figure8, runtime.
+
+    They run on what there is of the paper's data; what is missing is listed with where to get it. Without any
+    data, procedural scenes stand in. For example:
+
+        lfdepth reproduce -o reproduced
+        lfdepth reproduce table1 figure7 --data path/to/benchmark -o reproduced
+
+    Parameters
+    ----------
+    experiments
+        Which of them; all by default.
+    output
+        Folder for pictures and tables; index.md lists them.
+    data
+        Folder with scenes of the 4D Light Field Benchmark, each in a folder of its name, and Lytro pictures
+        named *eslf*.png, at most two levels down.
+    external
+        Folders with maps of other programs for table1 and figure6: SCENE.pfm, and run times in SCENE.txt.
+    real_range
+        Smallest and largest disparity of Lytro pictures, px per view step.
+    threads
+        Number of threads; every processor by default. Run times are taken on one thread, as in the paper.
+    """
+    from lfdepth.cli.progress import Progress
+    from lfdepth.evaluation.reproduce import reproduce as run_experiments
+
+    with Progress() as progress:
+        made = run_experiments(
+            experiments,
+            output,
+            data=data,
+            external=external,
+            real_range=real_range,
+            threads=threads,
+            progress=progress.step,
+        )
+    facts = {
+        "written": [str(file) for file in made.files],
+        "missing": made.missing,
+        "failures": made.failures,
+    }
+    report(
+        facts, as_json, lambda _: "\n".join([*(f"missing  {each}" for each in made.missing), _written(facts)])
+    )
+    return _status(made.failures)
+
+
+@app.command(sort_key=12)
+def submit(
+    data: Path | None = None,
+    /,
+    *,
+    output: Annotated[Path | None, Parameter(alias="-o")] = None,
+    method: str = DEFAULT_METHOD,
+    partial: Flag = False,
+    check: Path | None = None,
+    threads: int | None = None,
+    as_json: Json = False,
+) -> int:
+    """Make a submission to the 4D Light Field Benchmark, or check one.
+
+    Runs the benchmark's twelve scenes with one parameter set; writes, checks and zips maps and run times. For
+    example:
+
+        lfdepth submit path/to/benchmark -o submission --method fbsocc-sfa:step=0.02
+        lfdepth submit --check submission.zip
+
+    Parameters
+    ----------
+    data
+        Folder with the scenes, each in a folder of its name, at most two levels down.
+    output
+        Folder for disp_maps, runtimes and submission.zip.
+    method
+        Method, with parameters as in fbsocc-sfa:step=0.02,skip=7.
+    partial
+        Make the zip although some scenes are absent or failed.
+    check
+        Only check this zip, one's own or someone else's.
+    threads
+        Number of threads; every processor by default.
+    """
+    from lfdepth.cli.progress import Progress
+    from lfdepth.evaluation.submission import check_submission
+    from lfdepth.evaluation.submission import submit as run_submit
+
+    if check is not None:
+        problems = check_submission(check)
+        report({"zip": str(check), "problems": problems}, as_json, lambda _: _verdict(check, problems))
+        return _status(problems)
+    if data is None or output is None:
+        raise LightFieldError("submit: expected DATA and -o OUTPUT, or --check ZIP; give them")
+    with Progress() as progress:
+        made = run_submit(data, output, method, partial=partial, threads=threads, progress=progress.step)
+    facts = {"zip": made.zip and str(made.zip), "scenes": made.scenes, "problems": made.problems}
+    report(facts, as_json, lambda _: f"written  {made.zip}" if made.zip else "no zip was made")
+    return _status(made.problems)
+
+
+def _verdict(archive: Path, problems: Sequence[str]) -> str:
+    return f"{archive}: " + (f"{len(problems)} problems" if problems else "would be accepted")
+
+
+scenes_app = App(name="scenes", help="Procedural light fields with exact truth.", sort_key=13)
+app.command(scenes_app)
+
+
+@scenes_app.command(name="list")
+def list_scenes(*, as_json: Json = False) -> None:
+    """List the scenes and what they are for."""
+    from lfdepth import scenes
+
+    facts = {name: scenes.describe(name) for name in scenes.NAMES}
+    width = max(map(len, facts))
+    report(facts, as_json, lambda _: "\n".join(f"{name:<{width}}  {what}" for name, what in facts.items()))
+
+
+@scenes_app.command
+def render(
+    name: str,
+    /,
+    *,
+    output: Output,
+    size: int = 512,
+    views: NumberOfViews = (9, 9),
+    seed: int = 0,
+    noise: float | None = None,
+    as_json: Json = False,
+) -> None:
+    """Write a scene as a folder in the benchmark's layout: views, parameters.cfg, truth at two sizes, masks.
+
+    For example:
+
+        lfdepth scenes render bars -o rendered
+        lfdepth scenes render all -o rendered --size 256
+
+    Parameters
+    ----------
+    name
+        Name of the scene, or "all".
+    output
+        Folder for the scenes' folders; made if it is missing.
+    size
+        Side of the views, px.
+    views
+        Number of views.
+    seed
+        Number that chance starts from.
+    noise
+        Standard deviation of the sensor's noise at mid grey, grey levels of 255; the scene's own by default.
+    """
+    from lfdepth import scenes
+    from lfdepth.cli.progress import Progress
+    from lfdepth.evaluation.cache import make_folder
+
+    names = scenes.NAMES if name == "all" else (name,)
+    for each in names:
+        scenes.describe(each)  # raises for an unknown one
+    folders = [make_folder(output) / each for each in names]
+    with Progress() as progress:
+        for number, (each, folder) in enumerate(zip(names, folders, strict=True)):
+            progress.step(number, len(names), each)
+            scenes.save(each, folder, size=size, views=views, seed=seed, noise=noise)
+    report({"written": [str(folder) for folder in folders]}, as_json, _written)
+
+
+def _written(facts: dict[str, Any]) -> str:
+    return "\n".join(f"written  {path}" for path in facts["written"])
+
+
+def _status(problems: Sequence[str]) -> int:
+    """Name problems on standard error; the exit status."""
+    for problem in problems:
+        print(f"failed: {problem}", file=sys.stderr)
+    return PARTLY_FAILED if problems else 0
