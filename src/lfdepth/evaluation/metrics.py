@@ -95,7 +95,7 @@ def region(truth: Array, mask: Array | None = None, resolution: Resolution = LOW
             f"{resolution.name}-resolution metrics drop a border of {border} px; score a larger map"
         )
     inside = np.zeros(truth.shape, dtype=bool)
-    inside[border:-border, border:-border] = np.isfinite(truth[border:-border, border:-border])
+    _inside(inside, resolution)[...] = np.isfinite(_inside(truth, resolution))
     if mask is None:
         return inside
     if mask.shape != truth.shape:
@@ -106,12 +106,22 @@ def region(truth: Array, mask: Array | None = None, resolution: Resolution = LOW
     return inside
 
 
-def select(
+def errors(
     estimate: Array, truth: Array, mask: Array | None = None, resolution: Resolution = LOW
-) -> tuple[FloatArray, FloatArray]:
-    """Estimate and truth at the pixels that count, as two vectors of equal length."""
+) -> FloatArray:
+    """Errors ``estimate − truth`` at the pixels that count, as a vector in the order of the rows."""
     where = region(truth, mask, resolution)
-    return _matched(estimate, truth, resolution)[where].astype(np.float64), truth[where].astype(np.float64)
+    estimate = _matched(estimate, truth, resolution)
+    if mask is not None or np.count_nonzero(where) < _inside(truth, resolution).size:
+        return np.subtract(estimate[where], truth[where], dtype=np.float64)
+    # All of the frame: high-resolution maps are large, so it is not worth gathering the pixels one by one.
+    return np.subtract(_inside(estimate, resolution), _inside(truth, resolution), dtype=np.float64).ravel()
+
+
+def _inside(image: Array, resolution: Resolution) -> Array:
+    border = resolution.border
+    part: Array = image[border:-border, border:-border]
+    return part
 
 
 def _matched(estimate: Array, truth: Array, resolution: Resolution) -> Array:
@@ -141,8 +151,7 @@ def invalid_pixels(
     estimate: Array, truth: Array, mask: Array | None = None, resolution: Resolution = LOW
 ) -> int:
     """Number of scored pixels whose estimate is not finite."""
-    values, _ = select(estimate, truth, mask, resolution)
-    return int(np.count_nonzero(~np.isfinite(values)))
+    return int(np.count_nonzero(~np.isfinite(errors(estimate, truth, mask, resolution))))
 
 
 def badpix(
@@ -158,15 +167,14 @@ def badpix(
     stripes, its *Low Texture* and contrast figures. (The benchmark's toolkit counts NaN as good; here it is
     bad.)
     """
-    values, wanted = select(estimate, truth, mask, resolution)
-    return _percent(~(np.abs(values - wanted) <= threshold))
+    return _percent(~(np.abs(errors(estimate, truth, mask, resolution)) <= threshold))
 
 
 def mse(estimate: Array, truth: Array, mask: Array | None = None, resolution: Resolution = LOW) -> float:
     """MSE×100: a hundred times the mean squared error of the finite pixels, in px²."""
-    values, wanted = select(estimate, truth, mask, resolution)
-    finite = np.isfinite(values)
-    return 100.0 * float(np.mean(np.square(values - wanted)[finite])) if finite.any() else float("nan")
+    found = errors(estimate, truth, mask, resolution)
+    finite = found[np.isfinite(found)]
+    return 100.0 * float(np.mean(np.square(finite))) if finite.size else float("nan")
 
 
 def q25(estimate: Array, truth: Array, mask: Array | None = None, resolution: Resolution = LOW) -> float:
@@ -175,12 +183,9 @@ def q25(estimate: Array, truth: Array, mask: Array | None = None, resolution: Re
     The value at index ``int(N / 4)`` of the N errors in ascending order; errors that are not finite come
     last.
     """
-    values, wanted = select(estimate, truth, mask, resolution)
-    if not values.size:
-        return float("nan")
-    errors = 100.0 * np.abs(values - wanted)
-    quarter = errors.size // 4
-    return float(np.partition(errors, quarter)[quarter])
+    found = np.abs(errors(estimate, truth, mask, resolution))
+    quarter = found.size // 4
+    return 100.0 * float(np.partition(found, quarter)[quarter]) if found.size else float("nan")
 
 
 # --- photo-realistic regions --------------------------------------------------------------------------------
@@ -188,14 +193,12 @@ def q25(estimate: Array, truth: Array, mask: Array | None = None, resolution: Re
 
 def fine_fattening(estimate: Array, truth: Array, mask: Array, resolution: Resolution = HIGH) -> float:
     """Share of the surroundings of fine structures that came out over 0.15 px too near, in percent."""
-    values, wanted = select(estimate, truth, mask, resolution)
-    return _percent(~(wanted - values >= -0.15))
+    return _percent(~(errors(estimate, truth, mask, resolution) <= 0.15))
 
 
 def fine_thinning(estimate: Array, truth: Array, mask: Array, resolution: Resolution = HIGH) -> float:
     """Share of the fine structures that came out over 0.15 px too far, in percent."""
-    values, wanted = select(estimate, truth, mask, resolution)
-    return _percent(~(wanted - values <= 0.15))
+    return _percent(~(errors(estimate, truth, mask, resolution) >= -0.15))
 
 
 def bumpiness(estimate: Array, truth: Array, mask: Array, resolution: Resolution = LOW) -> float:
@@ -409,15 +412,15 @@ def sparsification(
     gives a flat curve. The area is that of Ilg et al., ECCV 2018, DOI 10.1007/978-3-030-01234-2_40, without
     dividing by the error at the start.
     """
-    errors, wanted = select(estimate, truth, mask, resolution)
-    trust, _ = select(confidence, truth, mask, resolution)
-    errors = np.abs(errors - wanted)
+    found = np.abs(errors(estimate, truth, mask, resolution))
+    counted = region(truth, mask, resolution)
+    trust = _matched(confidence, truth, resolution)[counted].astype(np.float64)
     if measure == "badpix":
-        losses = np.where(errors <= threshold, 0.0, 100.0)
+        losses = np.where(found <= threshold, 0.0, 100.0)
     else:
-        finite = np.isfinite(errors)
-        errors, trust = errors[finite], trust[finite]
-        losses = 100.0 * (errors if measure == "absolute" else np.square(errors))
+        finite = np.isfinite(found)
+        found, trust = found[finite], trust[finite]
+        losses = 100.0 * (found if measure == "absolute" else np.square(found))
     dropped = np.arange(steps) / steps
     if not losses.size:
         nothing = np.full(steps, np.nan)
