@@ -102,6 +102,18 @@ def test_the_cache_tells_parameters_ranges_and_views_apart(
     assert len(fixed_clock) == 4
 
 
+def test_a_damaged_run_in_the_cache_is_made_anew(
+    scene: LightField, tmp_path: Path, fixed_clock: list[str]
+) -> None:
+    bench([scene], ["fbs:step=0.2"], tmp_path)
+    before = outputs(tmp_path)
+    (run_file,) = (tmp_path / "cache").iterdir()
+    run_file.write_bytes(run_file.read_bytes()[:99])
+    assert bench([scene], ["fbs:step=0.2"], tmp_path).failures == ()
+    assert outputs(tmp_path) == before
+    assert len(fixed_clock) == 2
+
+
 def test_it_goes_on_past_what_fails_and_names_it(scene: LightField, tmp_path: Path) -> None:
     rangeless = replace(scene, disparity_range=None, name="rangeless")
     result = bench([tmp_path / "absent", rangeless, scene], ["fbs:step=0.2"], tmp_path / "out")
@@ -225,6 +237,12 @@ def test_published_rows_rank_only_on_the_same_truth() -> None:
     assert [cell_text(cell) for cell in attention.cells] == ["0.271", "3.13 (high)"]
     assert attention.mean.rank == 0
     assert next(row for row in table.rows if row.method == "SubFocal").mean.rank == 1
+
+
+@pytest.mark.parametrize(("count", "bold"), [(1, 0), (2, 1), (3, 1), (5, 2), (9, 3)])
+def test_the_best_three_are_bold_but_never_more_than_half(count: int, bold: int) -> None:
+    table = badpix_table(result_of({f"m{i}": {"x": float(i)} for i in range(count)}), published=False)
+    assert [row.cells[0].best for row in table.rows] == [i < bold for i in range(count)]
 
 
 def test_a_mean_over_fewer_scenes_says_so_and_is_not_ranked() -> None:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -57,11 +58,22 @@ class Cache:
         from lfdepth.sweep.run import estimate
 
         file = self.folder / f"{key(lf, method)}.npz"
-        if not file.exists():
+        found = _load(file)
+        if found is None:
             _warm_up(lf, method)
             write(file, estimate(lf, method, threads=threads, progress=progress))
+            found = _load(file)
+        assert found is not None  # it has just been written
+        return found
+
+
+def _load(file: Path) -> Found | None:
+    """What a file of the cache holds; None where there is none, or a damaged one, which is made anew."""
+    try:
         with np.load(file) as data:
             return Found(data["disparity"], data["confidence"], float(data["runtime"]))
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+        return None
 
 
 def key(lf: LightField, method: Method) -> str:

@@ -33,7 +33,6 @@ from lfdepth.evaluation.tables import (
     cell_mark,
     cell_text,
     figures,
-    is_bold,
     markdown,
     sources,
     tables,
@@ -155,13 +154,10 @@ def markdown_text(result: Bench, found: Sequence[Table]) -> str:
 
 
 _LEGEND = (
-    "Lower is better; the best three of a column are bold. Rows marked *published* were not run here; their "
-    "values "
-    "take part in the ranking only where they stand on truth of the same resolution. (low) or (high): taken "
-    "on truth "
-    "of that resolution where the others, or the benchmark, use the other. Run times of published rows come "
-    "from "
-    "other machines."
+    "Lower is better; the best three of a column, at most half of it, are bold. Rows marked *published* were not "
+    "run here; their values take part in the ranking only where they stand on truth of the same resolution. "
+    "(low) or (high): taken on truth of that resolution where the others, or the benchmark, use the other. Run "
+    "times of published rows come from other machines."
 )
 
 
@@ -220,17 +216,17 @@ def _row_html(row: Row, table: Table, numbered: Sequence[Source]) -> str:
     origin = " <small>external</small>" if row.origin == "external" else ""
     source = f" <small>[{numbered.index(row.source) + 1}]</small>" if row.source else ""
     device = f" <small>{escape(row.device)}</small>" if row.device and table.key == "runtime" else ""
-    cells = "".join(_cell_html(cell, table) for cell in (*row.cells, row.mean))
+    cells = "".join(_cell_html(cell) for cell in (*row.cells, row.mean))
     return f"<tr><th>{escape(row.method)}{origin}{device}{source}</th>{cells}</tr>"
 
 
-def _cell_html(cell: Cell, table: Table) -> str:
+def _cell_html(cell: Cell) -> str:
     if cell.value is None:
         return f'<td class="none">{escape(cell.note)}</td>'
     text = escape(figures(cell.value))
     mark = cell_mark(cell)
     return (
-        f'<td title="{escape(cell_text(cell))}">{f"<b>{text}</b>" if is_bold(cell, table) else text}'
+        f'<td title="{escape(cell_text(cell))}">{f"<b>{text}</b>" if cell.best else text}'
         f"{f' <small>{escape(mark)}</small>' if mark else ''}</td>"
     )
 

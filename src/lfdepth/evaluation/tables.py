@@ -13,7 +13,7 @@ from lfdepth.evaluation.published import PublishedRow, Source, published_rows
 from lfdepth.evaluation.scores import LOW_INSTEAD, METRICS, label_of
 
 BOLD = 3
-"""How many of the best are set in bold, as the paper does."""
+"""How many of the best are set in bold, as the paper does; never more than half of a column."""
 
 
 @dataclass(frozen=True)
@@ -29,12 +29,15 @@ class Cell:
         "low" or "high": the truth behind it.
     rank : int
         1 for the best of the values that can be compared in the column; 0 where it is not ranked.
+    best : bool
+        Whether it is set in bold.
     """
 
     value: float | None = None
     note: str = ""
     resolution: str = ""
     rank: int = 0
+    best: bool = False
 
 
 @dataclass(frozen=True)
@@ -146,10 +149,12 @@ def _rank_column(cells: Sequence[Cell], own: int) -> list[Cell]:
 def _rank(cells: Sequence[Cell], comparable: Sequence[bool]) -> list[Cell]:
     pairs = list(zip(cells, comparable, strict=True))
     values = sorted(cell.value for cell, yes in pairs if yes and cell.value is not None)
-    return [
-        replace(cell, rank=values.index(cell.value) + 1) if yes and cell.value is not None else cell
-        for cell, yes in pairs
-    ]
+
+    def ranked(cell: Cell, value: float) -> Cell:
+        rank = values.index(value) + 1
+        return replace(cell, rank=rank, best=rank <= min(BOLD, len(values) // 2))
+
+    return [ranked(cell, cell.value) if yes and cell.value is not None else cell for cell, yes in pairs]
 
 
 def figures(value: float) -> str:
@@ -191,15 +196,10 @@ def markdown(table: Table, numbered: Sequence[Source]) -> str:
     for row in table.rows:
         name = row.method if row.origin == "measured" else f"*{row.method}* ({row.origin})"
         name += f" [{numbered.index(row.source) + 1}]" if row.source else ""
-        texts = [_markdown_cell(cell, table) for cell in (*row.cells, row.mean)]
+        texts = [_markdown_cell(cell) for cell in (*row.cells, row.mean)]
         lines.append("| " + " | ".join([name, *texts]) + " |")
     return "\n".join([*lines, ""])
 
 
-def _markdown_cell(cell: Cell, table: Table) -> str:
-    return f"**{cell_text(cell)}**" if is_bold(cell, table) else cell_text(cell)
-
-
-def is_bold(cell: Cell, table: Table) -> bool:
-    """Whether a value is among the best three of several."""
-    return 1 <= cell.rank <= BOLD and len(table.rows) > 1
+def _markdown_cell(cell: Cell) -> str:
+    return f"**{cell_text(cell)}**" if cell.best else cell_text(cell)
