@@ -154,10 +154,10 @@ def markdown_text(result: Bench, found: Sequence[Table]) -> str:
 
 
 _LEGEND = (
-    "Lower is better; the best three of a column, at most half of it, are bold. Rows marked *published* were not "
-    "run here; their values take part in the ranking only where they stand on truth of the same resolution. "
-    "(low) or (high): taken on truth of that resolution where the others, or the benchmark, use the other. Run "
-    "times of published rows come from other machines."
+    "Lower is better; the best three of a column, at most half of it, are bold. Rows marked *published* were "
+    "not run here; their values take part in the ranking only where they stand on truth of the same "
+    "resolution. (low) or (high): taken on truth of that resolution where the others, or the benchmark, use "
+    "the other. Run times of published rows come from other machines."
 )
 
 
