@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from lfdepth.evaluation.truth import read_high_resolution
 from lfdepth.io import read, read_disparity
 from lfdepth.lightfield import LightField
 from lfdepth.scenes import folder as scene_folder
-from lfdepth.scenes import kernels, masks, textures
+from lfdepth.scenes import kernels, masks, photoreal, textures
 from lfdepth.scenes.model import Ellipsoid, Facets, Layer, Paint, Plane, Scene, ellipse, pack, rectangle
 from lfdepth.scenes.stratified import STRATIFIED, pyramid
 from lfdepth.scenes.suite import SUITE, Stage
@@ -550,3 +551,66 @@ def test_saving_refuses_other_folders(tmp_path: Path) -> None:
     with pytest.raises(LightFieldError, match="nowhere"):
         scenes.save("demo", tmp_path / "nowhere" / "scene", size=32, views=3)
     assert (mine / "photo.jpg").read_bytes() == b"precious"
+
+
+def test_path_traced_scenes_need_mitsuba(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mitsuba", None)
+    with pytest.raises(LightFieldError, match=r"mitsuba: not installed.*lfdepth\[render\]"):
+        scenes.render("photo-boxes", size=32, views=3)
+    assert all(len(scenes.describe(name)) > 20 for name in scenes.PHOTOREAL)
+
+
+def test_path_traced_cameras_are_shifted() -> None:
+    mi = pytest.importorskip("mitsuba", reason="needs the extra `render`")
+    mi.set_variant("scalar_rgb")
+    camera = photoreal.camera((48, 64))
+    for position in ((0, 0), (3, -2)):
+        sensor = mi.load_dict(photoreal.sensor_of(mi, camera, position, 1))
+        for disparity in (-1.5, 0.0, 1.2):
+            z = float(camera.disparity_to_depth(disparity))
+            for x, y in ((0, 0), (40, 31)):  # of the reference view
+                point = camera.points(np.full((48, 64), disparity))[y, x]
+                at = (x - disparity * position[0] + 0.5) / 64, (y - disparity * position[1] + 0.5) / 48
+                ray, _ = sensor.sample_ray(0.0, 0.5, at, [0.5, 0.5])
+                origin, direction = np.array(ray.o), np.array(ray.d)
+                hit = origin + direction * (z - origin[2]) / direction[2]
+                np.testing.assert_allclose(hit, point, atol=2e-5)
+
+
+def test_path_traced_truth_fits_its_views() -> None:
+    mi = pytest.importorskip("mitsuba", reason="needs the extra `render`")
+    mi.set_variant("scalar_rgb")
+    camera = photoreal.camera((72, 72))
+    # Reflectance in place of light: the same geometry without the noise of path tracing.
+    scene, _ = photoreal.build(mi, "photo-boxes", camera, 0)
+    colours = mi.load_dict({"type": "aov", "aovs": "colour:albedo"})
+    views = np.zeros((3, 3, 72, 72, 3), np.float32)
+    for v, u in ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0)):
+        sensor = mi.load_dict(photoreal.sensor_of(mi, camera, (u, v), 25))
+        views[1 + v, 1 + u] = np.asarray(mi.render(scene, sensor=sensor, integrator=colours, spp=25))[
+            ..., -3:
+        ]
+    truth = camera.depth_to_disparity(photoreal.trace(mi, scene, camera)[0]).astype(np.float32)
+    pure = LightField(views, truth=truth)
+    away = away_from_edges(pure, 1)
+    offsets = np.array([-0.3, -0.15, 0, 0.15, 0.3], np.float32)
+    errors = [
+        np.mean(
+            [warp_error(pure, truth + by, v, u)[away].mean() for v, u in ((0, 1), (0, -1), (1, 0), (-1, 0))]
+        )
+        for by in offsets
+    ]
+    square, linear, _ = np.polyfit(offsets, np.square(errors), 2)
+    assert abs(-linear / (2 * square)) < 0.02  # where the error is least, in px from the truth
+
+
+def test_path_traced_floor_is_where_it_was_put() -> None:
+    pytest.importorskip("mitsuba", reason="needs the extra `render`")
+    lf = scenes.render("photo-gloss", size=64, views=3, samples=1)
+    assert lf.camera is not None
+    floor = lf.camera.points(truth_of(lf))[..., 1] > 1.099
+    assert floor.mean() > 0.03
+    y = np.broadcast_to(np.arange(64)[:, None], (64, 64))[floor]
+    depth = 1.1 / ((y - 31.5) * lf.camera.pixel_pitch_mm / lf.camera.focal_length_mm)
+    np.testing.assert_allclose(truth_of(lf)[floor], lf.camera.depth_to_disparity(depth), atol=0.01)
+    assert (lf.masks["slanted"] | lf.masks["smooth"]).all()

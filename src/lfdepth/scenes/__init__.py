@@ -14,18 +14,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lfdepth.errors import LightFieldError
+from lfdepth.scenes import photoreal
 from lfdepth.scenes.stratified import STRATIFIED
 from lfdepth.scenes.suite import SUITE, Recipe, Stage
 
 if TYPE_CHECKING:
     from lfdepth.lightfield import LightField
-    from lfdepth.scenes.model import Scene
+    from lfdepth.scenes.rendering import Rendering
 
-__all__ = ["NAMES", "describe", "render", "save"]
+__all__ = ["NAMES", "PHOTOREAL", "describe", "render", "save"]
 
 _RECIPES = {**SUITE, **STRATIFIED}
 NAMES: tuple[str, ...] = tuple(_RECIPES)
-"""Names of the scenes."""
+"""Names of the procedural scenes."""
+PHOTOREAL: tuple[str, ...] = tuple(photoreal.MOTIFS)
+"""Names of the path-traced scenes; they need Mitsuba 3 (the extra `render`) and minutes to hours."""
 
 SMALLEST = 32
 """Shortest side of a picture, px."""
@@ -41,7 +44,7 @@ def describe(name: str) -> str:
     LightFieldError
         If there is no scene of that name.
     """
-    return _recipe(name).description
+    return _described(name).description
 
 
 def render(
@@ -58,7 +61,7 @@ def render(
     Parameters
     ----------
     name : str
-        One of `NAMES`.
+        One of `NAMES` or `PHOTOREAL`.
     size : int or (H, W)
         Pixels, at least 32 on either side.
     views : int or (V, U)
@@ -67,9 +70,9 @@ def render(
         Not negative. Same seed, same bytes, whatever the number of threads.
     noise : float, optional
         Standard deviation of shot and read noise together at mid grey, grey levels, >= 0;
-        None takes the scene's own, which is zero but for "room" and the "noise" scenes.
+        None takes the scene's own, which is zero but for "room", "specks" and the "noise" scenes.
     samples : int
-        A pixel is the mean over samples × samples points, >= 1.
+        A pixel is the mean over samples × samples points (of path-traced scenes: 4·samples² paths), >= 1.
 
     Returns
     -------
@@ -86,9 +89,9 @@ def render(
     Raises
     ------
     LightFieldError
-        If an argument is out of its range.
+        If an argument is out of its range, or a path-traced scene is asked for without Mitsuba.
     """
-    return _rendered(name, size, views, seed, noise, samples)[1]
+    return _rendered(name, size, views, seed, noise, samples).lf
 
 
 def save(
@@ -131,9 +134,9 @@ def save(
 
     folder = Path(folder)
     check_target(folder, is_ours)
-    scene, lf = _rendered(name, size, views, seed, noise, samples)
-    write_folder(folder, scene, lf)
-    return lf
+    rendering = _rendered(name, size, views, seed, noise, samples)
+    write_folder(folder, rendering)
+    return rendering.lf
 
 
 def _rendered(
@@ -143,23 +146,26 @@ def _rendered(
     seed: int,
     noise: float | None,
     samples: int,
-) -> tuple[Scene, LightField]:
+) -> Rendering:
     """Check the arguments of `render`; build and render the scene."""
-    recipe = _recipe(name)
+    recipe = _described(name)
     height, width = _pair(size, "size", SMALLEST, 1 << 14)
     grid = _pair(views, "views", 3, MOST_VIEWS)
     _check(seed >= 0, f"seed is {seed}; expected an integer >= 0")
     _check(noise is None or 0 <= noise < 256, f"noise is {noise}; expected 0 to 255 grey levels")
     _check(1 <= samples <= 16, f"samples is {samples}; expected 1 to 16")
-    from lfdepth.scenes.rendering import light_field  # numba loads late
+    if not isinstance(recipe, Recipe):
+        return photoreal.render(name, (height, width), grid, seed, noise, samples)
+    from lfdepth.scenes import rendering  # numba loads late
 
     scene = recipe.build(Stage(height, width, seed))
-    return scene, light_field(scene, name, (height, width), grid, seed, noise, samples)
+    return rendering.render(scene, name, (height, width), grid, seed, noise, samples)
 
 
-def _recipe(name: str) -> Recipe:
-    _check(name in _RECIPES, f"scene {name!r} does not exist; expected one of {', '.join(NAMES)}")
-    return _RECIPES[name]
+def _described(name: str) -> Recipe | photoreal.Motif:
+    known = _RECIPES | photoreal.MOTIFS
+    _check(name in known, f"scene {name!r} does not exist; expected one of {', '.join(known)}")
+    return known[name]
 
 
 def _pair(value: int | tuple[int, int], what: str, least: int, most: int) -> tuple[int, int]:

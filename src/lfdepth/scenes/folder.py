@@ -14,8 +14,7 @@ from lfdepth.io.pfm import write_pfm
 from lfdepth.io.record import Record
 from lfdepth.lightfield import LightField
 from lfdepth.scenes import masks
-from lfdepth.scenes.model import Scene, pack
-from lfdepth.scenes.rendering import trace
+from lfdepth.scenes.rendering import Rendering
 
 FACTOR = 10
 """Pixels of the high-resolution truth per pixel of a view, along one axis."""
@@ -32,17 +31,16 @@ def is_ours(path: Path) -> bool:
     return not any(path.iterdir())
 
 
-def write_folder(path: Path, scene: Scene, lf: LightField) -> None:
+def write_folder(path: Path, rendering: Rendering) -> None:
     """Write views, parameters, truth and masks of a rendered scene; all of it or nothing."""
+    lf = rendering.lf
     with atomic_folder(path, is_ours) as folder:
         for number, index in enumerate(np.ndindex(*lf.shape[:2])):
             _write_png(folder / f"input_Cam{number:03d}.png", lf.views[index])
         (folder / _CONFIG).write_text(_parameters(lf), encoding="utf-8")
-        packed = pack(scene)
         for resolution, factor in (("lowres", 1), ("highres", FACTOR)):
-            truth, layers = trace(packed, (lf.height, lf.width), factor)
+            truth, labels = rendering.geometry(factor)
             write_pfm(folder / f"gt_disp_{resolution}.pfm", Record(truth))
-            labels = masks.geometric(scene, truth, layers, factor)
             _write_masks(folder, resolution, labels | masks.benchmark(labels, factor))
         if "textureless" in lf.masks:
             _write_masks(folder, "lowres", {"textureless": lf.masks["textureless"].view(np.uint8)})

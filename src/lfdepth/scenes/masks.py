@@ -4,7 +4,7 @@
 # mypy: disallow-untyped-decorators=False
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ Mask = npt.NDArray[np.bool_]
 Labels = npt.NDArray[np.uint8]
 Map = npt.NDArray[np.float32]
 Index = npt.NDArray[np.int16]
+Kinds = Sequence[Mapping[str, int]]
 
 OURS = ("occlusion_boundary", "slanted", "smooth", "thin")
 """Masks of which the benchmark has a counterpart."""
@@ -30,13 +31,13 @@ FLAT = 1.5
 """Standard deviation, grey levels, up to which a window counts as textureless."""
 
 
-def geometric(scene: Scene, truth: Map, layers: Index, scale: float = 1.0) -> dict[str, Labels]:
-    """Masks that follow from truth and layers: occlusion_boundary, slanted, smooth and the layers' tags.
+def geometric(kinds: Kinds, truth: Map, layers: Index, scale: float = 1.0) -> dict[str, Labels]:
+    """Masks that follow from truth and layers: occlusion_boundary, and those that the layers count in.
 
     Parameters
     ----------
-    scene : Scene
-        Whose layers `layers` counts.
+    kinds : sequence of mapping of str to int
+        For each layer, the masks that its pixels count in and their label there.
     truth, layers : ndarray, shape (H, W)
         Disparity and index of the nearest layer.
     scale : float
@@ -49,7 +50,7 @@ def geometric(scene: Scene, truth: Map, layers: Index, scale: float = 1.0) -> di
     """
     boundary = dilate(jumps(truth, layers), REACH * scale)
     masks = {"occlusion_boundary": boundary.view(np.uint8)}
-    for name, table in _label_tables(scene).items():
+    for name, table in _label_tables(kinds).items():
         masks[name] = table[layers]
     return {name: mask for name, mask in masks.items() if mask.any()}
 
@@ -69,13 +70,18 @@ def benchmark(masks: Mapping[str, Labels], scale: float = 1.0) -> dict[str, Labe
     return {name: mask.view(np.uint8) for name, mask in theirs.items() if mask.any()}
 
 
-def _label_tables(scene: Scene) -> dict[str, Labels]:
+def _label_tables(kinds: Kinds) -> dict[str, Labels]:
     """For each mask, the label by layer; one entry more, for pixels that no layer covers."""
     tables: dict[str, Labels] = {}
-    for i, layer in enumerate(scene.layers):
-        for name, label in {**_kind(layer.surface), **layer.tags}.items():
-            tables.setdefault(name, np.zeros(len(scene.layers) + 1, dtype=np.uint8))[i] = label
+    for i, labels in enumerate(kinds):
+        for name, label in labels.items():
+            tables.setdefault(name, np.zeros(len(kinds) + 1, dtype=np.uint8))[i] = label
     return tables
+
+
+def kinds_of(scene: Scene) -> Kinds:
+    """Masks that the layers of a scene count in: those of their surface's geometry, and their tags."""
+    return [{**_kind(layer.surface), **layer.tags} for layer in scene.layers]
 
 
 def _kind(surface: Surface) -> dict[str, int]:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +13,7 @@ import numpy.typing as npt
 from lfdepth.camera import Camera
 from lfdepth.lightfield import LightField
 from lfdepth.scenes import kernels
-from lfdepth.scenes.masks import geometric, textureless
+from lfdepth.scenes.masks import Labels, Map, geometric, kinds_of, textureless
 from lfdepth.scenes.model import Packed, Scene, pack
 
 MARGIN = 0.1
@@ -22,7 +24,18 @@ MID_GREY = 128.0
 _BLOCK = 128  # rows that a thread traces at a time
 
 
-def light_field(
+@dataclass(frozen=True, eq=False)
+class Rendering:
+    """A light field, and its geometry at any resolution.
+
+    `geometry(factor)` gives truth and labelled masks (H·factor, W·factor) of the reference view.
+    """
+
+    lf: LightField
+    geometry: Callable[[int], tuple[Map, dict[str, Labels]]]
+
+
+def render(
     scene: Scene,
     name: str,
     size: tuple[int, int],
@@ -30,24 +43,33 @@ def light_field(
     seed: int,
     noise: float | None,
     samples: int,
-) -> LightField:
+) -> Rendering:
     """Render all views of a scene, its truth and masks."""
-    packed = pack(scene)
-    truth, layers = trace(packed, size)
-    masks = {label: mask > 0 for label, mask in geometric(scene, truth, layers).items()}
-    flat = textureless(kernels.render_view(packed, 0.0, 0.0, *size, samples))
-    if flat.any():
-        masks["textureless"] = flat
-    span = float(truth.min()) - MARGIN, float(truth.max()) + MARGIN
+    packed, kinds = pack(scene), kinds_of(scene)
+
+    def geometry(factor: int) -> tuple[Map, dict[str, Labels]]:
+        truth, layers = trace(packed, size, factor)
+        return truth, geometric(kinds, truth, layers, factor)
+
     level = np.float32(scene.noise if noise is None else noise)
-    return LightField(
-        views=_render_views(packed, size, views, seed, level * noise_share(scene), samples),
-        camera=camera(span, size),
-        disparity_range=span,
-        truth=truth,
-        masks=masks,
-        name=name,
-    )
+    pictures = _render_views(packed, size, views, seed, level * noise_share(scene), samples)
+    flat = textureless(kernels.render_view(packed, 0.0, 0.0, *size, samples))
+    return Rendering(assemble(name, pictures, geometry(1), {"textureless": flat}), geometry)
+
+
+def assemble(
+    name: str,
+    views: npt.NDArray[np.uint8],
+    geometry: tuple[Map, dict[str, Labels]],
+    more: Mapping[str, npt.NDArray[np.bool_]],
+    taken: Camera | None = None,
+) -> LightField:
+    """Light field of rendered views, with a plausible camera unless they were taken with a real one."""
+    truth, labels = geometry
+    span = float(truth.min()) - MARGIN, float(truth.max()) + MARGIN
+    masks = {key: mask > 0 for key, mask in labels.items()} | {k: m for k, m in more.items() if m.any()}
+    fitting = taken or camera(span, (truth.shape[0], truth.shape[1]))
+    return LightField(views, fitting, disparity_range=span, truth=truth, masks=masks, name=name)
 
 
 def noise_share(scene: Scene) -> npt.NDArray[np.float32]:
@@ -91,22 +113,23 @@ def _render_views(
     def draw(index: tuple[int, int]) -> None:
         v, u = index[0] - views[0] // 2, index[1] - views[1] // 2
         picture = kernels.render_view(packed, float(u), float(v), *size, samples)
-        if noise.any():
-            _add_noise(picture, noise, np.random.default_rng([seed, 1, *index]))
-        out[index] = np.rint(np.clip(picture, 0, 255))
+        out[index] = expose(picture, noise, [seed, 1, *index])
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         list(pool.map(draw, np.ndindex(*views)))
     return out
 
 
-def _add_noise(
-    picture: npt.NDArray[np.float32], level: npt.NDArray[np.float32], rng: np.random.Generator
-) -> None:
-    """Add shot and read noise in place; `level` is their joint deviation at mid grey."""
-    shot = (1 - READ_SHARE**2) / MID_GREY
-    brightness = np.sqrt(READ_SHARE**2 + shot * np.maximum(picture, 0))
-    picture += level * brightness * rng.standard_normal(picture.shape, dtype=np.float32)
+def expose(
+    picture: npt.NDArray[np.float32], noise: npt.NDArray[np.float32] | np.float32, seed: Sequence[int]
+) -> npt.NDArray[np.uint8]:
+    """8-bit picture with shot and read noise; `noise` is their joint deviation at mid grey."""
+    if noise.any():
+        shot = (1 - READ_SHARE**2) / MID_GREY
+        brightness = np.sqrt(READ_SHARE**2 + shot * np.maximum(picture, 0))
+        chance = np.random.default_rng(seed).standard_normal(picture.shape, dtype=np.float32)
+        picture = picture + noise * brightness * chance
+    return np.rint(np.clip(picture, 0, 255)).astype(np.uint8)
 
 
 def camera(span: tuple[float, float], size: tuple[int, int]) -> Camera:
