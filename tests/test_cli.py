@@ -590,6 +590,14 @@ def test_too_little_memory_is_one_line(run: Run, monkeypatch: pytest.MonkeyPatch
     assert_refused(run("info", "scene"), ["not enough memory", "64 GiB", "smaller views"])
 
 
+def test_nowhere_to_keep_kernels_is_one_line(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(path: Path, **_: object) -> None:
+        raise RuntimeError("cannot cache function 'vote': no locator available for file 'voting.py'")
+
+    monkeypatch.setattr(lfdepth, "read", fail, raising=False)
+    assert_refused(run("info", "scene"), ["compiled kernels", "set NUMBA_CACHE_DIR"])
+
+
 def test_interrupted_while_writing(scene: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     def save(path: Path, _: object) -> None:
         Path(path).write_bytes(b"half a ma")

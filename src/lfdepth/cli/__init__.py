@@ -60,6 +60,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return FAILED
     except OSError as error:
         return _fail(f"{error.filename or 'file'}: {error.strerror or error}")
+    except RuntimeError as error:
+        if "cannot cache function" not in str(error):
+            raise
+        return _fail(
+            "compiled kernels: neither the package's nor the user's cache folder can be written; expected "
+            "one that can; set NUMBA_CACHE_DIR to a folder of yours"
+        )
     return status or 0
 
 
