@@ -540,7 +540,7 @@ def test_submit_names_the_scenes_that_are_absent(scene: Path, run: Run) -> None:
 def test_scenes_are_listed_and_written(tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     _, out, _ = run("scenes", "list", "--json")
-    assert list(json.loads(out)) == list(scenes.NAMES)
+    assert list(json.loads(out)) == [*scenes.NAMES, *scenes.PHOTOREAL]
     command = "scenes render bars -o new/rendered --size 48 --views 3x5 --seed 2 --noise 1"
     status, out, err = run(*command.split())
     assert (status, out, err) == (0, f"written  {Path('new/rendered/bars')}\n", "")

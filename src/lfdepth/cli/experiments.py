@@ -212,7 +212,7 @@ def list_scenes(*, as_json: Json = False) -> None:
     """List the scenes and what they are for."""
     from lfdepth import scenes
 
-    facts = {name: scenes.describe(name) for name in scenes.NAMES}
+    facts = {name: scenes.describe(name) for name in (*scenes.NAMES, *scenes.PHOTOREAL)}
     width = max(map(len, facts))
     report(facts, as_json, lambda _: "\n".join(f"{name:<{width}}  {what}" for name, what in facts.items()))
 
@@ -239,7 +239,7 @@ def render(
     Parameters
     ----------
     name
-        Name of the scene, or "all".
+        Name of the scene, or "all" for all but the path-traced ones, which need the extra "render".
     output
         Folder for the scenes' folders; made if it is missing.
     size
