@@ -108,7 +108,6 @@ def test_no_evidence_gives_a_disparity_in_range_without_confidence() -> None:
         assert ((decoder.disparity() >= PLANES[-1]) & (decoder.disparity() <= PLANES[0])).all()
 
 
-@pytest.mark.xfail(strict=True, reason="an exact zero behind the minimum is taken for the middle")
 def test_a_profile_that_is_zero_on_a_plane_crosses_there() -> None:
     """−1, 0, +1 is symmetric about the middle plane, and so must its disparity be."""
     profile = np.ones(len(PLANES), np.float32)
@@ -143,7 +142,6 @@ def test_decided_profiles_are_one_step() -> None:
     np.testing.assert_array_equal(profiles, expected)
 
 
-@pytest.mark.xfail(strict=True, reason="plane numbers are kept in 16 bits")
 def test_a_forced_number_of_planes_does_not_overflow() -> None:
     """With `force` there may be more planes than 16 bits count."""
     planes = disparity_planes((0.0, 1.0), count=40_000, force=True)

@@ -121,6 +121,26 @@ def test_a_large_grid_of_views_does_not_overflow() -> None:
         assert_votes_agree(lf, -0.4, Mask(np.arange(48).reshape(6, 8) % 3 == 0, -0.2), VoteRule(delta))
 
 
+def test_more_votes_than_16_bits_count() -> None:
+    """Truth: a ramp in register at 0 is foreground for a plane behind it; every view and axis says so."""
+    ramp = 10.0 * np.arange(5) + 10.0 * np.arange(4)[:, None]
+    v, u = np.ogrid[:130, :130]
+    views = ramp + (u[..., None, None] + v[..., None, None]) * 0.5 + 20
+    lf = LightField(np.rint(views * 257).astype(np.uint16)[..., None])
+    for mask in (None, Mask(np.ones((4, 5), bool), 0.0)):
+        assert (vote(lf, 0.0, rule=VoteRule("none"), mask=mask)[1:-1, 1:-1] == 1).all()
+
+
+@pytest.mark.parametrize("disparity", [-1e6, -37.3, 31.0, 1e6])
+def test_shifts_beyond_the_image_need_no_memory(disparity: float) -> None:
+    lf = fields.light_field(np.random.default_rng(18), (4, 3), (12, 20), kind="noise")
+    assert stack_views(lf, abs(disparity)).data.nbytes < 20 * lf.views.nbytes
+    mask = Mask(fields.random_mask(np.random.default_rng(19), (12, 20)), disparity)
+    for chosen in (None, mask):
+        assert_votes_agree(lf, disparity, chosen, VoteRule("none"))
+        assert_votes_agree(lf, 0.2, chosen, VoteRule("none", gradient="sobel"))
+
+
 def test_absent_views_are_never_looked_at() -> None:
     rng = np.random.default_rng(13)
     present = fields.random_present(rng, (5, 6))

@@ -50,7 +50,7 @@ class SignStep:
         self.subplane = subplane
         self.sum = np.zeros(size, np.float32)
         self.lowest = np.zeros(size, np.float32)
-        self.index = np.full(size, -1, np.int16)  # last plane in front of the surface; −1: none
+        self.index = np.full(size, -1, np.int32)  # last plane in front of the surface; −1: none
         self.before = np.zeros(size, np.float32)
         self.after = np.zeros(size, np.float32)
 
@@ -74,8 +74,7 @@ class SignStep:
         part = np.full(self.index.shape, 0.5, np.float32)
         if self.subplane:
             rise = self.after - self.before
-            crosses = (self.before <= 0) & (self.after > 0)
-            np.divide(-self.before, rise, out=part, where=crosses)
+            np.divide(-self.before, rise, out=part, where=rise > 0)
         disparity = self.planes[0] - step * (self.index + part)
         return np.asarray(np.clip(disparity, self.planes[-1], self.planes[0]), np.float32)
 
@@ -93,7 +92,7 @@ class Accumulate:
 
     def __init__(self, planes: NDArray[np.float64], size: tuple[int, int]) -> None:
         self.planes = planes
-        self.count = np.zeros(size, np.int16)
+        self.count = np.zeros(size, np.int32)
         self._fit = SignStep(planes, size, subplane=False)
 
     def update(self, index: int, smoothed: NDArray[np.float32], workers: Workers) -> None:

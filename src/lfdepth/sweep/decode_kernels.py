@@ -10,8 +10,7 @@ import numpy as np
 def sign_step_kernel(first_row, last_row, plane, smoothed, total, lowest, index, before, after):
     """Take plane `plane` into the running sums of rows [first_row, last_row)."""
     width = smoothed.shape[1]
-    plane16 = np.int16(plane)
-    previous = np.int16(plane - 1)
+    here, previous = np.int32(plane), np.int32(plane - 1)
     for y in range(first_row, last_row):
         for x in range(width):
             value = smoothed[y, x]
@@ -21,4 +20,4 @@ def sign_step_kernel(first_row, last_row, plane, smoothed, total, lowest, index,
             total[y, x] = running
             lowest[y, x] = running if is_lower else lowest[y, x]
             before[y, x] = value if is_lower else before[y, x]
-            index[y, x] = plane16 if is_lower else index[y, x]
+            index[y, x] = here if is_lower else index[y, x]

@@ -76,8 +76,9 @@ def grey_levels(views: NDArray[Any]) -> NDArray[np.uint16]:
 def stack_views(lf: LightField, max_disparity: float) -> ViewStack:
     """Prepare the grey views of a light field for planes up to |D| = `max_disparity` px per view step."""
     rows, columns, height, width, _ = lf.views.shape
-    reach = max(columns - columns // 2, columns // 2)
-    margin = int(np.ceil(reach * abs(max_disparity))) + 2 + PAD
+    # Samples farther away are the border's, see `Shifts.limited`.
+    reach = min(np.ceil(columns // 2 * abs(max_disparity)), width + 1)
+    margin = int(reach) + 2 + PAD
     row_length = round_width(width) + 2 * margin
     data = np.empty((rows, height, columns, row_length), np.uint16)
     for v in range(rows):
@@ -113,6 +114,12 @@ class Shifts:
     def reach(self) -> int:
         """Largest distance in px from a pixel to a neighbour that is sampled."""
         return int(max(max(-whole.min(), whole.max() + 1) for whole in (self.down, self.across)))
+
+    def limited(self, size: tuple[int, int]) -> Shifts:
+        """Shifts that sample an image of this size (H, W) alike and reach just beyond its repeated border."""
+        height, width = size
+        down, across = self.down.clip(-height - 1, height), self.across.clip(-width - 1, width)
+        return Shifts(down, across, self.weights)
 
 
 def shifts(grid: tuple[int, int], disparity: float) -> Shifts:

@@ -12,6 +12,8 @@ import numpy as np
 
 from lfdepth.sweep.parallel import STRIP
 
+_RESIDUE = np.float32(1e-6)
+
 
 @nb.njit(nogil=True, cache=True)
 def _add(total, row):
@@ -68,6 +70,13 @@ def _window_means(out, columns, run, rows, radius):
         cut = np.float32(window) / np.float32(min(x + radius + 1, width))
         out[x] *= cut
         out[width - 1 - x] *= cut
+
+
+@nb.njit(nogil=True, cache=True)
+def _drop_residue(row):
+    """Set to zero what rounding of the running sums leaves behind where nothing was summed."""
+    for x in range(row.size):
+        row[x] = row[x] if abs(row[x]) > _RESIDUE else np.float32(0)
 
 
 @nb.njit(nogil=True, cache=True)
@@ -162,6 +171,7 @@ def apply_kernel(first_row, last_row, out, fit, guide, radius):
                 out[y] = window
             else:
                 _add_product(out[y], window, guide[c - 1, y])
+        _drop_residue(out[y])
 
 
 @nb.njit(nogil=True, cache=True)

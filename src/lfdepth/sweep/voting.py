@@ -187,7 +187,7 @@ def vote_plane(
 
 def _sampling(stack: ViewStack, disparity: float) -> tuple[Any, ...]:
     """The kernels' arguments that say how a plane samples the views."""
-    plane = shifts(stack.grid, disparity)
+    plane = shifts(stack.grid, disparity).limited(stack.size)
     shape = (*stack.grid, *stack.size, stack.row_length, stack.margin)
     return stack.data, shape, plane.down, plane.across, plane.weights.astype(np.int16), stack.present
 
@@ -201,7 +201,7 @@ def _placed_mask(stack: ViewStack, mask: Mask | None) -> tuple[NDArray[np.uint8]
             f"mask: found shape {mask.foreground.shape}, expected {stack.size} like the views; "
             "resize the mask"
         )
-    placing = shifts(stack.grid, mask.offset)
+    placing = shifts(stack.grid, mask.offset).limited(stack.size)
     reach, width = placing.reach, stack.size[1]
     border = ((reach, reach), (reach, reach + round_width(width) - width))
     return np.pad(mask.foreground.astype(np.uint8), border, "edge").reshape(-1), reach, placing

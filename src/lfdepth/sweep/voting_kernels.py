@@ -346,6 +346,8 @@ def _mask_share(share, mask, own, shifted, length, weights):
 @nb.njit(nogil=True, cache=True)
 def _is_mixed(mask, length, reach, y, first):
     """Whether the views' masks can differ from the reference's in the block that starts at column `first`."""
+    if reach > BLOCK:  # looking costs more than it saves
+        return True
     total = 0
     for row in range(y, y + 2 * reach + 1):
         for x in range(row * length + first, row * length + first + BLOCK + 2 * reach):
@@ -394,7 +396,10 @@ def vote_kernel(
     inner = length - 2 * PAD
     mask_length = inner + 2 * reach
     sobel, signs_agree, masked = options
-    factor = np.float32(1.0 / max(_axes(present), 1))
+    possible = _axes(present)
+    factor = np.float32(1.0 / max(possible, 1))
+    # More votes than 16 bits count, or more shares of votes in one row of views.
+    many = possible > _HIGHEST or 2 * columns * UNIT > _HIGHEST
     ring = np.empty(3 * rows * columns * length, np.int16)
     low, high = np.empty(inner, np.int16), np.empty(inner, np.int16)
     parts = (np.empty(inner, np.int16), np.empty(inner, np.int16))
@@ -406,7 +411,7 @@ def vote_kernel(
         fill_ring(ring, y + 1, data, shape, down, across, weights, present)
         centre = ((y % 3 * rows + rows // 2) * columns + columns // 2) * length + PAD
         _photo_bounds(low, high, ring, np.uintp(centre), tolerance)
-        if sobel or signs_agree:
+        if sobel or signs_agree or many:
             _general_row(
                 out[y],
                 evidence[y],
