@@ -1,0 +1,128 @@
+"""The range of disparities of a light field, found from its views."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import isfinite
+
+import numpy as np
+
+from lfdepth.errors import LightFieldError
+from lfdepth.lightfield import LightField
+from lfdepth.matching import IN_ORDER, Match, Order, Probe, make_probe, match, plane_range, shrink_to, widest
+from lfdepth.sweep.parallel import Workers
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What makes a surface at an end of the range.
+
+    Attributes
+    ----------
+    share
+        Smallest share of the pixels that lie close together in disparity; at least 8 pixels.
+    neighbours
+        How many of a pixel's 8 neighbours have to agree with it.
+    """
+
+    share: float
+    neighbours: int
+
+
+# Little of a thin structure is left in shrunk views, and an end too far out only costs time.
+_COARSE = Evidence(share=5e-4, neighbours=2)
+_FINE = Evidence(share=1.5e-3, neighbours=6)
+_FEWEST = 8
+# Shorter side, px, of the views for either sweep.
+_COARSE_SIDE, _FINE_SIDE = 256, 1024
+# In `Probe.unit`: how well neighbours agree; by how much the fine sweep is wider; the margin of the result.
+_AGREEMENT, _SLACK, _MARGIN = 0.25, 2.0, 0.15
+_NARROWEST = 1.0
+
+
+def find_range(
+    lf: LightField, *, limit: float | None = None, threads: int | None = None
+) -> tuple[float, float]:
+    """Find the range of disparities from the views.
+
+    A coarse sweep of shrunk views over a wide range, then a fine one over what the first one found. Surfaces
+    count if they have texture and cover at least 0.15 % of the reference view.
+
+    Parameters
+    ----------
+    lf
+        Light field with its views in order; its own range, if it has one, is not looked at.
+    limit
+        Largest |D| to look for, px per view step; by default the one at which the outermost view moves by a
+        quarter of the picture. Periodic texture is ambiguous in a wide range: if nothing is found, narrower
+        ones are tried.
+    threads
+        Number of threads; None takes every processor. The result does not depend on it.
+
+    Returns
+    -------
+    (min, max) disparity in px per view step, with a small margin.
+
+    Raises
+    ------
+    LightFieldError
+        If the views agree on no disparity, for want of texture or because their order is wrong; or the limit
+        is not positive.
+    """
+    limit = widest(lf) if limit is None else limit
+    if not (isfinite(limit) and limit > 0):
+        raise LightFieldError(f"limit: found {limit}, expected a positive number of px per view step")
+    with Workers(threads) as workers:
+        found = coarse_range(make_probe(lf, limit, shrink_to(lf, _COARSE_SIDE)), limit, workers)
+        if found is not None:
+            probe = make_probe(lf, max(-found[0], found[1]), shrink_to(lf, _FINE_SIDE))
+            fine = match(probe, plane_range(*found, probe.unit / 2), workers)
+            found = ends(fine, probe.unit, _FINE)
+    if found is None:
+        raise LightFieldError(
+            f"{lf.name}: views agree on no disparity within {limit:g} px per view step; expected texture "
+            "that moves with the views; give --range MIN MAX (range=(min, max) in Python), or check the order"
+        )
+    return found[0] - _MARGIN * probe.unit, found[1] + _MARGIN * probe.unit
+
+
+def coarse_range(
+    probe: Probe, limit: float, workers: Workers, order: Order = IN_ORDER
+) -> tuple[float, float] | None:
+    """Range that holds all surfaces and some more; None if none is found.
+
+    Parameters
+    ----------
+    probe
+        Shrunk views.
+    limit
+        Largest |D| to look for, px per view step; if nothing is found, it is halved.
+    workers
+        Threads.
+    order
+        How the views are taken.
+    """
+    while limit > _NARROWEST / 2:
+        found = ends(
+            match(probe, plane_range(-limit, limit, probe.unit), workers, order), probe.unit, _COARSE
+        )
+        if found is not None:
+            return found[0] - _SLACK * probe.unit, found[1] + _SLACK * probe.unit
+        limit /= 2
+    return None
+
+
+def ends(found: Match, unit: float, evidence: Evidence) -> tuple[float, float] | None:
+    """Smallest and largest disparity of a surface; None if there is none.
+
+    Wrong matches may lie anywhere in a wide range, but few of them close together; a surface puts many
+    pixels within one `unit`. The inner end of the outermost such group counts: beside occlusion boundaries,
+    pixels of neither surface are found a little outside.
+    """
+    disparity = np.sort(found.disparity[found.coherent(_AGREEMENT * unit, evidence.neighbours)])
+    count = max(_FEWEST, round(evidence.share * found.disparity.size))
+    groups = np.flatnonzero(disparity[count:] - disparity[:-count] <= unit)
+    if not groups.size:
+        return None
+    low, high = float(disparity[groups[0] + count]), float(disparity[groups[-1]])
+    return min(low, high), max(low, high)

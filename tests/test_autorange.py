@@ -1,0 +1,151 @@
+"""The range that is found, against the truth of rendered and real scenes, and the laws it has to obey."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import lfdepth
+from fields import plane_views, quantise, texture, two_planes
+from lfdepth import scenes
+from lfdepth.autorange import find_range
+from lfdepth.errors import LightFieldError
+from lfdepth.lightfield import LightField
+from lfdepth.scenes.stratified import STRATIFIED
+from lfdepth.scenes.suite import SUITE
+
+CLOSE = 0.3
+"""How far, px per view step, the ends may be from the truth's."""
+
+
+def off(lf: LightField) -> float:
+    """The larger error of the two ends found."""
+    assert lf.truth is not None
+    low, high = find_range(lf, threads=2)
+    return max(abs(low - float(lf.truth.min())), abs(high - float(lf.truth.max())))
+
+
+def plane(
+    disparity: float,
+    grid: tuple[int, int] = (5, 5),
+    size: tuple[int, int] = (96, 128),
+    paint: Callable[..., NDArray[Any]] | None = None,
+) -> LightField:
+    paint = paint or texture(np.random.default_rng(0), waves=30)
+    return LightField(quantise(plane_views(paint, disparity, grid, size), "uint8")[..., None])
+
+
+@pytest.mark.parametrize("name", [*SUITE, *STRATIFIED])
+def test_both_ends_are_found_in_the_procedural_scenes(name: str) -> None:
+    assert off(scenes.render(name, size=128, views=9, seed=3, samples=2)) < CLOSE
+
+
+@pytest.mark.parametrize("name", ["cotton", "backgammon"])
+def test_both_ends_are_found_in_real_scenes_in_less_time_than_an_estimate(
+    name: str, data_folder: Path
+) -> None:
+    from time import perf_counter
+
+    lf = lfdepth.read(data_folder / "hci4d" / name)
+    find_range(lf.crop(0, 0, 64, 64), threads=1)  # compiles
+    lfdepth.estimate(lf.crop(0, 0, 64, 64), range=(-0.1, 0.1), threads=1)
+    started = perf_counter()
+    assert off(lf) < CLOSE
+    assert perf_counter() - started < lfdepth.estimate(lf, threads=2).runtime
+
+
+@pytest.mark.parametrize("grid", [(3, 3), (4, 4), (3, 9), (8, 6), (1, 9), (9, 1)])
+def test_grids_of_other_shapes(grid: tuple[int, int]) -> None:
+    views, truth = two_planes(np.random.default_rng(1), grid, (96, 128))
+    lf = LightField(quantise(views, "uint8")[..., None], truth=truth.astype(np.float32))
+    assert off(lf) < CLOSE
+
+
+@pytest.mark.parametrize("dtype", ["uint16", "float32"])
+def test_sample_types_make_no_difference(dtype: str) -> None:
+    views, _ = two_planes(np.random.default_rng(1), (5, 5), (64, 96))
+    eight_bit = quantise(views, "uint8")[..., None]
+    other = eight_bit.astype(np.uint16) * np.uint16(257)
+    if dtype == "float32":
+        other = (eight_bit / np.float32(255)).astype(np.float32)
+    np.testing.assert_allclose(find_range(LightField(other)), find_range(LightField(eight_bit)), atol=1e-3)
+
+
+def test_absent_views_are_not_looked_at() -> None:
+    views, truth = two_planes(np.random.default_rng(1), (9, 9), (96, 128))
+    samples = quantise(views, "uint8")[..., None]
+    present = np.zeros((9, 9), np.bool_)
+    present[4], present[:, 4] = True, True
+    present |= np.eye(9, dtype=np.bool_) | np.eye(9, dtype=np.bool_)[::-1]
+    present[0, 0] = False
+    rest = np.where(present[:, :, None, None, None], samples, 0)
+    lf = LightField(rest, present=present, truth=truth.astype(np.float32))
+    assert off(lf) < CLOSE
+
+
+def test_without_a_view_in_line_with_the_reference_view_it_says_so() -> None:
+    present = np.zeros((5, 5), np.bool_)
+    present[2, 2] = present[0, 1] = True
+    lf = LightField(np.zeros((5, 5, 40, 40, 1), np.uint8), present=present)
+    with pytest.raises(LightFieldError, match="no view in line with the reference view"):
+        find_range(lf)
+
+
+@pytest.mark.parametrize("disparity", [-11.3, 0.0, 6.6])
+def test_one_plane_anywhere_gives_a_narrow_range_around_it(disparity: float) -> None:
+    low, high = find_range(plane(disparity))
+    assert disparity - CLOSE < low < disparity + 0.05
+    assert disparity - 0.05 < high < disparity + CLOSE
+    assert low < high
+
+
+def test_the_limit_is_kept() -> None:
+    with pytest.raises(LightFieldError, match="agree on no disparity within 2 px"):
+        find_range(plane(6.6), limit=2)
+
+
+def test_periodic_texture_is_taken_for_what_is_closest_to_zero_disparity() -> None:
+    def stripes(x: NDArray[Any], y: NDArray[Any]) -> NDArray[Any]:
+        return np.asarray(0.5 + 0.2 * np.sin(2 * np.pi * x / 9) + 0.2 * np.sin(2 * np.pi * y / 9))
+
+    low, high = find_range(plane(1.2, paint=stripes))
+    assert 1.2 - CLOSE < low < high < 1.2 + CLOSE
+
+
+def test_reversing_both_axes_of_the_grid_negates_the_range() -> None:
+    lf = scenes.render("demo", size=128, views=5, samples=1)
+    reversed_ = replace(lf, views=np.ascontiguousarray(lf.views[::-1, ::-1]), truth=None, masks={})
+    low, high = find_range(lf)
+    np.testing.assert_allclose(find_range(reversed_), (-high, -low), atol=0.02)
+
+
+def test_transposing_grid_and_pictures_keeps_the_range() -> None:
+    lf = scenes.render("demo", size=(96, 128), views=(5, 7), samples=1)
+    transposed = LightField(np.ascontiguousarray(lf.views.transpose(1, 0, 3, 2, 4)))
+    np.testing.assert_allclose(find_range(transposed), find_range(lf), atol=0.02)
+
+
+def test_the_number_of_threads_makes_no_difference() -> None:
+    lf = scenes.render("demo", size=128, views=5, samples=1)
+    assert find_range(lf, threads=1) == find_range(lf, threads=3)
+
+
+def test_without_texture_it_says_so() -> None:
+    lf = LightField(np.full((5, 5, 64, 64, 3), 90, np.uint8), name="wall")
+    with pytest.raises(
+        LightFieldError, match=r"^wall: views agree on no disparity .*--range MIN MAX"
+    ) as error:
+        find_range(lf)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("limit", [0.0, -1.0, float("nan"), float("inf")])
+def test_limits_that_are_none(limit: float) -> None:
+    with pytest.raises(LightFieldError, match="limit: found"):
+        find_range(plane(0), limit=limit)
