@@ -590,7 +590,7 @@ def test_path_traced_truth_fits_its_views() -> None:
         views[1 + v, 1 + u] = np.asarray(mi.render(scene, sensor=sensor, integrator=colours, spp=25))[
             ..., -3:
         ]
-    truth = camera.depth_to_disparity(photoreal.trace(mi, scene, camera)[0]).astype(np.float32)
+    truth = camera.depth_to_disparity(photoreal.trace(mi, scene, camera)).astype(np.float32)
     pure = LightField(views, truth=truth)
     away = away_from_edges(pure, 1)
     offsets = np.array([-0.3, -0.15, 0, 0.15, 0.3], np.float32)
@@ -613,4 +613,7 @@ def test_path_traced_floor_is_where_it_was_put() -> None:
     y = np.broadcast_to(np.arange(64)[:, None], (64, 64))[floor]
     depth = 1.1 / ((y - 31.5) * lf.camera.pixel_pitch_mm / lf.camera.focal_length_mm)
     np.testing.assert_allclose(truth_of(lf)[floor], lf.camera.depth_to_disparity(depth), atol=0.01)
-    assert (lf.masks["slanted"] | lf.masks["smooth"]).all()
+    assert lf.masks["slanted"][floor].all()
+    assert (lf.masks["slanted"] ^ lf.masks["smooth"]).all()
+    jump = masks.jumps(truth_of(lf), lf.masks["smooth"].astype(np.int16))
+    assert lf.masks["occlusion_boundary"][jump].all()

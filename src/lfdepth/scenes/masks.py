@@ -93,11 +93,13 @@ def _kind(surface: Surface) -> dict[str, int]:
     return {}
 
 
-def jumps(truth: Map, layers: Index) -> Mask:
-    """Pixels next to one of another layer whose disparity differs by more than JUMP."""
+def jumps(truth: Map, layers: Index | None = None) -> Mask:
+    """Pixels next to one (of another layer, where layers are given) whose disparity differs by over JUMP."""
     edge = np.zeros(truth.shape, dtype=np.bool_)
     for axis in (0, 1):
-        near = (np.abs(np.diff(truth, axis=axis)) > JUMP) & (np.diff(layers, axis=axis) != 0)
+        near = np.abs(np.diff(truth, axis=axis)) > JUMP
+        if layers is not None:
+            near &= np.diff(layers, axis=axis) != 0
         ahead, behind = [slice(None)] * 2, [slice(None)] * 2
         ahead[axis], behind[axis] = slice(1, None), slice(None, -1)
         edge[tuple(ahead)] |= near

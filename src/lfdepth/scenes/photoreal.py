@@ -10,6 +10,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cache
 from importlib import import_module
 from math import atan, degrees
 from pathlib import Path
@@ -33,8 +34,11 @@ FOCUS_M = 8.0
 INFINITY = 5.0
 """Disparity, px per view step, that points at infinity have with a minus: it sets the baseline."""
 BOUNCES = 5
+FINE = 10
+"""Rays per pixel, along one axis, among which occlusion boundaries are looked for."""
+_NEAR_CLIP = 0.1
 _RAYS_AT_ONCE = 1 << 22
-_THIN, _FLAT, _ROUND = {"thin": 1}, {"slanted": 1}, {"smooth": 1}
+_THIN, _FLAT, _ROUND = "thin", "slanted", "smooth"
 
 
 def camera(size: tuple[int, int]) -> Camera:
@@ -46,7 +50,7 @@ def camera(size: tuple[int, int]) -> Camera:
 
 @dataclass
 class Set:
-    """Things put before the camera: Mitsuba's description of them, and the masks that each counts in.
+    """Things put before the camera: Mitsuba's description of them, and the mask that each counts in.
 
     `pixel` is the side of what a pixel sees at a distance of 1 m, in metres; `folder` is for meshes.
     """
@@ -56,13 +60,13 @@ class Set:
     pixel: float
     folder: Path
     things: dict[str, dict[str, Any]] = field(default_factory=dict)
-    kinds: dict[str, Mapping[str, int]] = field(default_factory=dict)
+    kinds: dict[str, dict[str, Any]] = field(default_factory=dict)
 
-    def add(self, shape: dict[str, Any], material: dict[str, Any], kind: Mapping[str, int]) -> None:
-        """Put a shape of a material; `kind` names the masks that it counts in."""
+    def add(self, shape: dict[str, Any], material: dict[str, Any], kind: str) -> None:
+        """Put a shape of a material; `kind` names the mask that it counts in."""
         name = f"thing{len(self.things)}"
         self.things[name] = {**shape, "bsdf": material}
-        self.kinds[name] = kind
+        self.kinds.setdefault(kind, {})[name] = shape
 
     def uniform(self, low: float, high: float) -> float:
         """Chance, evenly distributed."""
@@ -251,17 +255,11 @@ def render(
     LightFieldError
         If Mitsuba is not installed.
     """
-    from lfdepth.scenes.masks import geometric
     from lfdepth.scenes.rendering import Rendering, assemble, expose
 
     mi, taken = _mitsuba(), camera(size)
-    scene, kinds = build(mi, name, taken, seed)
-
-    def geometry(factor: int) -> tuple[Map, dict[str, Labels]]:
-        depth, things = trace(mi, scene, taken, factor)
-        truth = taken.depth_to_disparity(depth).astype(np.float32)
-        return truth, geometric(kinds, truth, things, factor)
-
+    scene, parts = build(mi, name, taken, seed)
+    geometry = _geometry(mi, scene, parts, taken)
     pictures = np.empty((*views, *size, 3), dtype=np.uint8)
     for number, index in enumerate(np.ndindex(*views)):
         position = index[1] - views[1] // 2, index[0] - views[0] // 2
@@ -273,17 +271,45 @@ def render(
     return Rendering(assemble(name, pictures, geometry(1), {}, taken), geometry)
 
 
-def build(mi: Any, name: str, taken: Camera, seed: int) -> tuple[Any, list[Mapping[str, int]]]:
-    """Mitsuba's scene, and for each of its shapes the masks that it counts in."""
+def build(mi: Any, name: str, taken: Camera, seed: int) -> tuple[Any, dict[str, Any]]:
+    """Mitsuba's scene, and for each mask a scene of only those things that count in it."""
     with tempfile.TemporaryDirectory() as folder:
         pixel = taken.pixel_pitch_mm / taken.focal_length_mm
         stage = Set(mi, np.random.default_rng([seed, 2]), pixel, Path(folder))
         MOTIFS[name].build(stage)
         stage.light()
         integrator = {"type": "path", "max_depth": BOUNCES}
-        # merged shapes would lose their names
-        scene = mi.load_dict({"type": "scene", "integrator": integrator, **stage.things}, optimize=False)
-    return scene, [stage.kinds.get(shape.id(), {}) for shape in scene.shapes()]
+        scene = mi.load_dict({"type": "scene", "integrator": integrator, **stage.things})
+        return scene, {
+            kind: mi.load_dict({"type": "scene", **things}) for kind, things in stage.kinds.items()
+        }
+
+
+def _geometry(
+    mi: Any, scene: Any, parts: Mapping[str, Any], taken: Camera
+) -> Callable[[int], tuple[Map, dict[str, Labels]]]:
+    """Truth and masks by resolution, as `Rendering.geometry` has them."""
+    from lfdepth.scenes.masks import REACH, dilate, jumps
+
+    @cache
+    def fine_boundary() -> npt.NDArray[np.bool_]:
+        fine = _disparity(taken, trace(mi, scene, taken, FINE))
+        return np.asarray(dilate(jumps(fine), REACH * FINE))
+
+    def geometry(factor: int) -> tuple[Map, dict[str, Labels]]:
+        depth = trace(mi, scene, taken, factor)
+        step = FINE // factor
+        boundary = fine_boundary()[(step - 1) // 2 :: step, (step - 1) // 2 :: step]
+        # where the nearest thing is one of a part, the same ray meets it there at the same depth
+        masks = {kind: trace(mi, part, taken, factor) == depth for kind, part in parts.items()}
+        masks["occlusion_boundary"] = np.ascontiguousarray(boundary)
+        return _disparity(taken, depth), {k: m.view(np.uint8) for k, m in masks.items() if m.any()}
+
+    return geometry
+
+
+def _disparity(taken: Camera, depth: npt.NDArray[np.float64]) -> Map:
+    return taken.depth_to_disparity(depth).astype(np.float32)
 
 
 def _mitsuba() -> Any:
@@ -336,7 +362,7 @@ def sensor_of(
         "type": "perspective",
         "fov": degrees(2 * atan(taken.sensor_size_mm / 2 / taken.focal_length_mm)),
         "fov_axis": "larger",
-        "near_clip": 0.1,
+        "near_clip": _NEAR_CLIP,
         "far_clip": 1000.0,
         # Mitsuba counts the shift the other way, as a share of the picture
         "principal_point_offset_x": -u * shift / taken.width,
@@ -347,21 +373,21 @@ def sensor_of(
     }
 
 
-def trace(
-    mi: Any, scene: Any, taken: Camera, factor: int = 1
-) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int16]]:
-    """Depth along the optical axis, metres, and index of the shape at every pixel's centre."""
+def trace(mi: Any, scene: Any, taken: Camera, factor: int = 1) -> npt.NDArray[np.float64]:
+    """Depth along the optical axis, metres, at every pixel's centre, (H·factor, W·factor)."""
     height, width = taken.height * factor, taken.width * factor
-    depth, things = np.empty((height, width)), np.empty((height, width), np.int16)
-    integrator = mi.load_dict({"type": "aov", "aovs": "at:position,thing:shape_index"})
+    depth = np.empty((height, width))
+    integrator = mi.load_dict({"type": "depth"})
+    pixel = taken.pixel_pitch_mm / taken.focal_length_mm / factor
+    x, y = ((np.arange(n) - (n - 1) / 2) * pixel for n in (width, height))
     step = max(1, _RAYS_AT_ONCE // width)
     for start in range(0, height, step):
         rows = start, min(start + step, height)
         sensor = mi.load_dict(sensor_of(mi, taken, (0, 0), 1, factor, rows))
-        found = np.asarray(mi.render(scene, sensor=sensor, integrator=integrator, spp=1))
-        depth[slice(*rows)] = found[..., -2]
-        things[slice(*rows)] = found[..., -1] - 1  # Mitsuba counts from 1, and 0 is nothing
-    return depth, things
+        along = np.asarray(mi.render(scene, sensor=sensor, integrator=integrator, spp=1))[..., 0]
+        slant = np.sqrt(1 + x**2 + y[slice(*rows), None] ** 2)
+        depth[slice(*rows)] = _NEAR_CLIP + along / slant  # rays start at the near clipping plane
+    return depth
 
 
 def _encoded(light: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
