@@ -8,8 +8,8 @@ from typing import Any, Literal
 from lfdepth.errors import LightFieldError
 
 _CHOICES: dict[str, tuple[str, ...]] = {
-    "occlusion": ("none", "skip-mask"),
-    "decoder": ("accumulate", "sfa"),
+    "occlusion": ("none", "skip-mask", "visibility"),
+    "decoder": ("accumulate", "sfa", "joint"),
     "delta": ("photo", "sign", "none"),
     "gradient": ("central", "sobel"),
     "guide": ("colour", "grey"),
@@ -27,9 +27,11 @@ class Method:
     summary
         One sentence.
     occlusion
-        "none", or "skip-mask" (the paper's mask from J planes in front).
+        "none", "skip-mask" (the paper's mask from J planes in front), or "visibility" (depth edges decided
+        by the views that see past them).
     decoder
-        "accumulate" (FBS) or "sfa" (sign function approximation).
+        "accumulate" (FBS), "sfa" (sign function approximation), or "joint" (signs and photo-consistency in one
+        energy, made smooth along scanlines).
     step
         Distance between planes, px per view step (`d_step`); None where `planes` is given.
     planes
@@ -53,13 +55,21 @@ class Method:
         Smooth the sum of votes and their number apart and divide (normalised convolution), so that pixels
         without evidence do not pull their neighbours to zero; False smooths the quotient, as the paper does.
     subplane
-        Place disparities between planes at the zero crossing.
+        Place disparities between planes at the zero crossing ("sfa").
+    photo_weight
+        Weight of the photo-consistency votes, px per view step ("joint"; λ).
+    slope_penalty
+        Cost of a change by one plane between neighbouring pixels ("joint").
+    jump_penalty
+        Cost of any larger change between neighbouring pixels ("joint").
+    edge_passes
+        Passes over the depth edges; each moves them by at most a pixel ("visibility").
     """
 
     name: str
     summary: str = ""
-    occlusion: Literal["none", "skip-mask"] = "none"
-    decoder: Literal["accumulate", "sfa"] = "sfa"
+    occlusion: Literal["none", "skip-mask", "visibility"] = "none"
+    decoder: Literal["accumulate", "sfa", "joint"] = "sfa"
     step: float | None = 0.05
     planes: int | None = None
     skip: int = 5
@@ -71,6 +81,10 @@ class Method:
     epsilon: float = 1e-4
     normalise: bool = True
     subplane: bool = True
+    photo_weight: float = 1.0
+    slope_penalty: float = 0.12
+    jump_penalty: float = 2.0
+    edge_passes: int = 2
 
     def __post_init__(self) -> None:
         for field, choices in _CHOICES.items():
@@ -79,6 +93,12 @@ class Method:
                 raise LightFieldError(f"{field}: found {found!r}, expected one of {', '.join(choices)}")
         if self.skip < 1:
             raise LightFieldError(f"skip: found J = {self.skip}, expected at least 1 plane")
+        for field in ("photo_weight", "slope_penalty", "jump_penalty", "edge_passes"):
+            found = getattr(self, field)
+            if not 0 <= found <= 100:
+                raise LightFieldError(f"{field}: found {found}, expected a number from 0 to 100")
+        if self.jump_penalty > 2:
+            raise LightFieldError(f"jump_penalty: found {self.jump_penalty:g}, expected at most 2")
 
 
 _REGISTRY = {
@@ -97,6 +117,13 @@ _REGISTRY = {
             name="fbsocc-sfa",
             summary="FBS-SFA that excludes the foreground found J planes in front (IEEE Access, 2021).",
             occlusion="skip-mask",
+        ),
+        Method(
+            name="fbs-vis",
+            summary="Signs and photo-consistency in one energy, depth edges by exact visibility (the default).",
+            occlusion="visibility",
+            decoder="joint",
+            step=0.06,
         ),
     )
 }

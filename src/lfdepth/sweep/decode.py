@@ -21,11 +21,8 @@ class Decoder(Protocol):
     def update(self, index: int, smoothed: NDArray[np.float32], workers: Workers) -> None:
         """Take the slice of plane `index`."""
 
-    def disparity(self) -> NDArray[np.float32]:
-        """Disparity (H, W) in px per view step."""
-
-    def confidence(self) -> NDArray[np.float32]:
-        """Confidence (H, W) in [0, 1]."""
+    def decide(self, workers: Workers) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Disparity (H, W) in px per view step, and confidence (H, W) in [0, 1]."""
 
 
 class SignStep:
@@ -68,6 +65,10 @@ class SignStep:
             self.after,
         )
 
+    def decide(self, workers: Workers) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Disparity and confidence (H, W)."""
+        return self.disparity(), self.confidence()
+
     def disparity(self) -> NDArray[np.float32]:
         """Disparity (H, W); at the ends of the range, the end."""
         step = self.planes[0] - self.planes[1]
@@ -100,6 +101,10 @@ class Accumulate:
         self.count += smoothed > 0
         self._fit.update(index, smoothed, workers)
 
+    def decide(self, workers: Workers) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Disparity and confidence (H, W)."""
+        return self.disparity(), self.confidence()
+
     def disparity(self) -> NDArray[np.float32]:
         """Disparity (H, W)."""
         step = self.planes[0] - self.planes[1]
@@ -113,14 +118,14 @@ class Accumulate:
 
 def accumulate(volume: NDArray[Any], planes: NDArray[np.float64]) -> NDArray[np.float32]:
     """Disparity (H, W) from a smoothed volume (K, H, W) by accumulation of its binary maps."""
-    return _decode(volume, Accumulate(planes, volume.shape[1:])).disparity()
+    return _decode(volume, Accumulate(planes, volume.shape[1:]))
 
 
 def sign_step(
     volume: NDArray[Any], planes: NDArray[np.float64], *, subplane: bool = True
 ) -> NDArray[np.float32]:
     """Disparity (H, W) from a smoothed volume (K, H, W) by sign function approximation."""
-    return _decode(volume, SignStep(planes, volume.shape[1:], subplane=subplane)).disparity()
+    return _decode(volume, SignStep(planes, volume.shape[1:], subplane=subplane))
 
 
 def decided(disparity: NDArray[np.float32], planes: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -128,8 +133,8 @@ def decided(disparity: NDArray[np.float32], planes: NDArray[np.float64]) -> NDAr
     return np.where(disparity > planes[:, None, None], np.float32(1), np.float32(-1))
 
 
-def _decode(volume: NDArray[Any], decoder: Decoder) -> Decoder:
+def _decode(volume: NDArray[Any], decoder: Decoder) -> NDArray[np.float32]:
     with Workers(1) as workers:
         for index, smoothed in enumerate(volume):
             decoder.update(index, np.ascontiguousarray(smoothed, np.float32), workers)
-    return decoder
+        return decoder.decide(workers)[0]

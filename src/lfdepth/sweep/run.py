@@ -15,8 +15,12 @@ from lfdepth.lightfield import LightField
 from lfdepth.methods import Method
 from lfdepth.methods import method as named_method
 from lfdepth.sweep.decode import Accumulate, Decoder, SignStep, decided
+from lfdepth.sweep.edges import EdgeRule, decide_edges
+from lfdepth.sweep.joint import JointEnergy, JointRule
+from lfdepth.sweep.median import median_plane
 from lfdepth.sweep.occlusion import NoOcclusion, SkipMask
 from lfdepth.sweep.parallel import Workers
+from lfdepth.sweep.photo import local_thresholds
 from lfdepth.sweep.planes import check_range, disparity_planes
 from lfdepth.sweep.reparam import FULL_SCALE, grey_levels, stack_views
 from lfdepth.sweep.smoothing import GuidedFilter
@@ -123,29 +127,31 @@ def estimate(
     searched = check_range(searched)
     planes = disparity_planes(searched, step=chosen.step, count=chosen.planes, force=force)
     size = lf.views.shape[2:4]
-    decoder = _decoder(chosen, planes, size)
     volumes = _empty_volumes(planes, size) if keep_volume else None
     with Workers(threads) as workers:
-        _sweep(lf, chosen, planes, decoder, volumes, workers, progress)
-    disparity = np.clip(decoder.disparity(), *searched).astype(np.float32)
+        disparity, confidence = _sweep(lf, chosen, planes, volumes, workers, progress)
+        if chosen.occlusion == "visibility":
+            disparity, confidence = _settle_edges(lf, chosen, disparity, confidence, workers)
+    disparity = np.clip(disparity, *searched).astype(np.float32)
     if volumes is not None:
         volumes.decided[:] = decided(disparity, planes)
-    return Result(disparity, decoder.confidence(), searched, time.perf_counter() - started, chosen, volumes)
+    return Result(disparity, confidence, searched, time.perf_counter() - started, chosen, volumes)
 
 
 def _sweep(
     lf: LightField,
     method: Method,
     planes: NDArray[np.float64],
-    decoder: Decoder,
     volumes: Volumes | None,
     workers: Workers,
     progress: Progress | None,
-) -> None:
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Algorithm 1, and the decoder's disparity and confidence."""
     smoothing = GuidedFilter(guide_image(lf, method.guide), method.radius, method.epsilon)
     occlusion = (
         SkipMask(method.skip, planes[0] - planes[1]) if method.occlusion == "skip-mask" else NoOcclusion()
     )
+    decoder = _decoder(lf, method, planes, smoothing)
     rule = VoteRule(method.delta, method.threshold, method.gradient)
     stack = stack_views(lf, float(np.abs(planes).max()))
     votes, evidence, smoothed = (np.empty(stack.size, np.float32) for _ in "123")
@@ -161,19 +167,50 @@ def _sweep(
             volumes.initial[index], volumes.smoothed[index] = quotient(votes, evidence), smoothed
         if progress is not None:
             progress(index + 1, len(planes))
+    return decoder.decide(workers)
+
+
+def _settle_edges(
+    lf: LightField,
+    method: Method,
+    disparity: NDArray[np.float32],
+    confidence: NDArray[np.float32],
+    workers: Workers,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Remove isolated values, decide depth edges by exact visibility, and trust them less."""
+    median = np.empty_like(disparity)
+    median_plane(disparity, guide_image(lf, "colour"), None, (1, 0.05, 2.0), workers, median)
+    views = (
+        lf.views
+        if lf.views.dtype == np.uint8
+        else lf.views.astype(np.float32) * np.float32(255 / lf.full_scale)
+    )
+    rule = EdgeRule(passes=method.edge_passes)
+    thresholds = local_thresholds(lf.reference)
+    present = np.ones(lf.shape[:2], np.bool_) if lf.present is None else lf.present
+    settled, at_edge = decide_edges(median, views, present, thresholds, rule, workers)
+    return settled, np.where(at_edge, np.float32(0.3) * confidence, confidence)
 
 
 def guide_image(lf: LightField, guide: str) -> NDArray[np.float32]:
-    """The reference view in [0, 1] as a filter guide: (H, W, 3) for "colour" if there is any, or (H, W, 1)."""
+    """The reference view in [0, 1] as a filter guide: (H, W, 3) for "colour" if any, or (H, W, 1)."""
     if guide == "colour":
         return lf.reference.astype(np.float32) / np.float32(lf.full_scale)
     return (grey_levels(lf.reference).astype(np.float32) / np.float32(FULL_SCALE))[..., None]
 
 
-def _decoder(method: Method, planes: NDArray[np.float64], size: tuple[int, int]) -> Decoder:
+def _decoder(lf: LightField, method: Method, planes: NDArray[np.float64], smoothing: GuidedFilter) -> Decoder:
+    size = smoothing.guide.shape[:2]
     if method.decoder == "accumulate":
         return Accumulate(planes, size)
-    return SignStep(planes, size, subplane=method.subplane)
+    if method.decoder == "sfa":
+        return SignStep(planes, size, subplane=method.subplane)
+    rule = JointRule(
+        photo_weight=method.photo_weight,
+        slope_penalty=method.slope_penalty,
+        jump_penalty=method.jump_penalty,
+    )
+    return JointEnergy(lf, planes, smoothing, rule)
 
 
 def _empty_volumes(planes: NDArray[np.float64], size: tuple[int, int]) -> Volumes:

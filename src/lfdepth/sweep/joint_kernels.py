@@ -1,0 +1,141 @@
+"""Kernels of the joint decoder: energies, scanline paths, minimum."""
+
+from __future__ import annotations
+
+import numba as nb
+import numpy as np
+
+SCALE = 2000
+"""Integer energies per unit. Energies are cut at 2 above a pixel's least, so four paths fit 16 bits."""
+
+_LEVELS = 255
+_CUT = np.float32(2 * SCALE)
+_FAR = np.int16(32000)
+
+
+@nb.njit(nogil=True, cache=True)
+def store_kernel(first_row, last_row, step, smoothed, photo, running, lowest, peak, photo_sum, signs, shares):
+    """Keep one plane: the sign profile's energy, the photo-consistency in 1/255, and running statistics."""
+    half = np.float32(0.5) * step
+    for y in range(first_row, last_row):
+        for x in range(smoothed.shape[1]):
+            value = smoothed[y, x]
+            share = min(max(photo[y, x], np.float32(0)), np.float32(1))
+            signs[y, x] = running[y, x] + half * value
+            total = running[y, x] + step * value
+            running[y, x] = total
+            lowest[y, x] = min(lowest[y, x], total)
+            peak[y, x] = max(peak[y, x], share)
+            photo_sum[y, x] += share
+            shares[y, x] = np.uint8(share * np.float32(_LEVELS) + np.float32(0.5))
+
+
+@nb.njit(nogil=True, cache=True)
+def energy_kernel(first_row, last_row, signs, shares, weight, energy):
+    """Joint energies above the pixel's least, as whole numbers, planes innermost."""
+    planes, _, width = signs.shape
+    row = np.empty((planes, width), np.float32)
+    least = np.empty(width, np.float32)
+    for y in range(first_row, last_row):
+        least[:] = np.inf
+        for k in range(planes):
+            for x in range(width):
+                value = signs[k, y, x] - weight[y, x] * np.float32(shares[k, y, x]) / np.float32(_LEVELS)
+                row[k, x] = value
+                least[x] = min(least[x], value)
+        for x in range(width):
+            for k in range(planes):
+                energy[y, x, k] = np.int16(min((row[k, x] - least[x]) * np.float32(SCALE), _CUT))
+
+
+@nb.njit(nogil=True, cache=True)
+def _edge_weight(guide, y, x, other_y, other_x, sharpness):
+    change = np.float32(0)
+    for c in range(guide.shape[2]):
+        change += abs(guide[y, x, c] - guide[other_y, other_x, c])
+    return np.exp(-sharpness * change)
+
+
+@nb.njit(nogil=True, cache=True)
+def _advance(path, spare, energy, total, slope, jump):
+    """One step along a path: `path[1:-1]` becomes the cost of reaching each plane here, less its least."""
+    count = energy.size
+    least = path[1]
+    for k in range(2, count + 1):
+        least = min(least, path[k])
+    ceiling = np.int16(least + jump)
+    for k in range(count):
+        near = np.int16(min(path[k], path[k + 2]) + slope)
+        best = min(min(path[k + 1], near), ceiling)
+        spare[k] = np.int16(best - least + energy[k])
+    for k in range(count):
+        path[k + 1] = spare[k]
+        total[k] = np.int16(total[k] + spare[k])
+
+
+@nb.njit(nogil=True, cache=True)
+def _start(path, energy, total):
+    path[0] = _FAR
+    path[-1] = _FAR
+    for k in range(energy.size):
+        path[k + 1] = energy[k]
+        total[k] = np.int16(total[k] + energy[k])
+
+
+@nb.njit(nogil=True, cache=True)
+def horizontal_kernel(first_row, last_row, energy, total, guide, slope, jump, sharpness):
+    """Paths from the left and from the right for rows [first_row, last_row)."""
+    width, count = energy.shape[1:]
+    path, spare = np.empty(count + 2, np.int16), np.empty(count, np.int16)
+    for y in range(first_row, last_row):
+        for side in range(2):
+            for i in range(width):
+                x = i if side == 0 else width - 1 - i
+                if i == 0:
+                    _start(path, energy[y, x], total[y, x])
+                    continue
+                weight = _edge_weight(guide, y, x, y, x - 1 if side == 0 else x + 1, sharpness)
+                _advance(
+                    path, spare, energy[y, x], total[y, x], np.int16(slope * weight), np.int16(jump * weight)
+                )
+
+
+@nb.njit(nogil=True, cache=True)
+def vertical_kernel(first_column, last_column, energy, total, guide, slope, jump, sharpness):
+    """Paths from above and from below for columns [first_column, last_column)."""
+    height, _, count = energy.shape
+    paths = np.empty((last_column - first_column, count + 2), np.int16)
+    spare = np.empty(count, np.int16)
+    for side in range(2):
+        for i in range(height):
+            y = i if side == 0 else height - 1 - i
+            for x in range(first_column, last_column):
+                path = paths[x - first_column]
+                if i == 0:
+                    _start(path, energy[y, x], total[y, x])
+                    continue
+                weight = _edge_weight(guide, y, x, y - 1 if side == 0 else y + 1, x, sharpness)
+                _advance(
+                    path, spare, energy[y, x], total[y, x], np.int16(slope * weight), np.int16(jump * weight)
+                )
+
+
+@nb.njit(nogil=True, cache=True)
+def decode_kernel(first_row, last_row, total, position, sharpness):
+    """Plane of least total, between planes by a parabola, and the parabola's curvature."""
+    width, count = total.shape[1:]
+    for y in range(first_row, last_row):
+        for x in range(width):
+            best = 0
+            for k in range(1, count):
+                if total[y, x, k] < total[y, x, best]:
+                    best = k
+            offset = np.float32(0)
+            curvature = np.float32(0)
+            if 0 < best < count - 1:
+                before, here, after = total[y, x, best - 1], total[y, x, best], total[y, x, best + 1]
+                curvature = np.float32(before) - np.float32(2) * np.float32(here) + np.float32(after)
+                if curvature > 0:
+                    offset = np.float32(0.5) * (np.float32(before) - np.float32(after)) / curvature
+            position[y, x] = np.float32(best) + offset
+            sharpness[y, x] = curvature
