@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -69,6 +70,7 @@ def read(
     focal_length_mm: float | None = None,
     sensor_size_mm: float | None = None,
     focus_distance_m: float | None = None,
+    check: bool = False,
 ) -> LightField:
     """Read a light field.
 
@@ -95,6 +97,9 @@ def read(
         stay as they are. Views numbered column by column are read with ``grid=(U, V), transpose=True``.
     baseline_mm, focal_length_mm, sensor_size_mm, focus_distance_m : float, optional
         Camera, over what the files say; see `lfdepth.Camera`. Values are those of the whole views.
+    check : bool
+        Test on the pixels whether the grid of views is in order, and refuse it if it is not. Where the scene
+        cannot tell, a warning says so.
 
     Returns
     -------
@@ -104,16 +109,20 @@ def read(
     Raises
     ------
     LightFieldError
-        If the path does not exist, is no light field, is damaged, or does not have what was selected.
+        If the path does not exist, is no light field, is damaged, or does not have what was selected; with
+        `check`, also if its views are in another order.
     """
     path = Path(path)
     _check_grid(grid)
     camera = CameraOptions(baseline_mm, focal_length_mm, sensor_size_mm, focus_distance_m)
     selection = Selection(views, crop, scale, transpose, flip_v, flip_u, camera)
     try:
-        return assemble(find_format(path, format).open(path, Layout(grid, partial)), selection)
+        lf = assemble(find_format(path, format).open(path, Layout(grid, partial)), selection)
     except OSError as error:  # a folder where a file should be, missing permissions
         raise unreadable(path, error) from None
+    if check:
+        _check_order(lf, path, selection)
+    return lf
 
 
 def write(
@@ -203,6 +212,18 @@ def _check_ending(path: Path, known: tuple[str, ...]) -> None:
             f"{path}: unknown ending {path.suffix or '(none)'}; expected one of {', '.join(known)}; "
             "choose one of these"
         )
+
+
+def _check_order(lf: LightField, path: Path, selection: Selection) -> None:
+    """Raise LightFieldError if the views are in another order, warn if that cannot be told."""
+    from lfdepth.orientation import Reordering, check_orientation
+
+    applied = Reordering(selection.transpose, selection.flip_v, selection.flip_u)
+    found = check_orientation(lf, applied=applied)
+    if found.wrong:
+        raise LightFieldError(f"{path}: {found.message}")
+    if not found.decided:
+        warnings.warn(f"{path}: {found.message}", stacklevel=3)
 
 
 def _check_grid(grid: tuple[int, int] | None) -> None:

@@ -1,0 +1,183 @@
+"""The order of the views, told from the pixels: all eight orders of scenes whose order is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import lfdepth
+from fields import plane_views, quantise, texture
+from lfdepth import scenes
+from lfdepth.errors import LightFieldError
+from lfdepth.io import read
+from lfdepth.lightfield import LightField
+from lfdepth.orientation import AS_STORED, Reordering, check_orientation
+
+EIGHT = [Reordering(*flags) for flags in product((False, True), repeat=3)]
+TELLING = (
+    "demo",
+    "bars",
+    "leaves",
+    "sphere",
+    "room",
+    "noise-3",
+    "gloss",
+    "fence",
+    "range-8",
+    "wedges",
+    "strips",
+)
+
+
+def disordered(lf: LightField, mends: Reordering) -> LightField:
+    """The light field that reading with `mends` puts in order."""
+
+    def undo(grid: np.ndarray) -> np.ndarray:
+        grid = grid[:: -1 if mends.flip_v else 1, :: -1 if mends.flip_u else 1]
+        return np.ascontiguousarray(grid.swapaxes(0, 1) if mends.transpose else grid)
+
+    present = None if lf.present is None else undo(lf.present)
+    return replace(lf, views=undo(lf.views), present=present, truth=None, masks={})
+
+
+def found(lf: LightField) -> Reordering:
+    orientation = check_orientation(lf, threads=2)
+    assert orientation.decided
+    return orientation.reordering
+
+
+@pytest.mark.parametrize("name", ["cotton", "backgammon"])
+def test_all_eight_orders_of_real_scenes(name: str, data_folder: Path) -> None:
+    lf = read(data_folder / "hci4d" / name, crop=(100, 100, 256, 256))
+    assert [found(disordered(lf, mends)) for mends in EIGHT] == EIGHT
+
+
+def test_all_eight_orders_of_a_lytro_picture(data_folder: Path) -> None:
+    lf = read(data_folder / "lytro_bikes_crop_eslf.png")
+    assert [found(disordered(lf, mends)) for mends in EIGHT] == EIGHT
+
+
+@pytest.mark.parametrize("name", TELLING)
+def test_procedural_scenes(name: str) -> None:
+    lf = scenes.render(name, size=128, views=9, seed=1, samples=1)
+    assert found(lf) == AS_STORED
+    mends = EIGHT[1 + TELLING.index(name) % 7]
+    assert found(disordered(lf, mends)) == mends
+
+
+@pytest.mark.parametrize("grid", [(3, 3), (5, 7), (8, 6)])
+def test_all_eight_orders_of_other_grids(grid: tuple[int, int]) -> None:
+    lf = scenes.render("leaves", size=(96, 128), views=grid, samples=1)
+    assert [found(disordered(lf, mends)) for mends in EIGHT] == EIGHT
+
+
+def test_absent_views_are_not_looked_at() -> None:
+    lf = scenes.render("leaves", size=128, views=9, samples=1)
+    present = np.zeros((9, 9), np.bool_)
+    present[4], present[:, 4] = True, True
+    views = np.where(present[:, :, None, None, None], lf.views, 0)
+    cross = replace(lf, views=views, present=present)
+    assert [found(disordered(cross, mends)) for mends in EIGHT] == EIGHT
+
+
+@pytest.mark.parametrize(
+    "mends",
+    [Reordering(), Reordering(flip_u=True), Reordering(transpose=True), Reordering(True, flip_u=True)],
+)
+def test_one_row_of_views_has_four_orders(mends: Reordering) -> None:
+    lf = scenes.render("leaves", size=128, views=9, samples=1)
+    row = replace(lf, views=lf.views[4:5])
+    assert found(disordered(row, mends)) == mends
+
+
+@given(st.sampled_from(EIGHT), st.sampled_from(EIGHT))
+def test_one_reordering_after_another_is_what_numpy_does(first: Reordering, second: Reordering) -> None:
+    def done(order: Reordering, grid: np.ndarray) -> np.ndarray:
+        grid = grid.T if order.transpose else grid
+        return grid[:: -1 if order.flip_v else 1, :: -1 if order.flip_u else 1]
+
+    grid = np.arange(20).reshape(4, 5)
+    np.testing.assert_array_equal(done(second, done(first, grid)), done(first.then(second), grid))
+
+
+def test_the_message_names_the_options() -> None:
+    lf = scenes.render("leaves", size=128, views=5, samples=1)
+    assert check_orientation(lf).message == "views are in order"
+    assert not check_orientation(lf).wrong
+    orientation = check_orientation(disordered(lf, Reordering(transpose=True, flip_u=True)))
+    assert orientation.wrong
+    assert orientation.message.endswith("; use --transpose --flip-u")
+
+
+def test_advice_is_for_reading_again() -> None:
+    lf = scenes.render("leaves", size=128, views=5, samples=1)
+    flipped = disordered(lf, Reordering(flip_u=True))
+    orientation = check_orientation(flipped, applied=Reordering(flip_u=True))
+    assert orientation.reordering == AS_STORED
+    assert orientation.message.endswith("; leave out --flip-u")
+    both = check_orientation(flipped, applied=Reordering(flip_v=True))
+    assert both.message.endswith("; use --flip-v --flip-u")
+
+
+def test_without_texture_nothing_is_decided() -> None:
+    orientation = check_orientation(LightField(np.full((5, 5, 64, 64, 3), 90, np.uint8)))
+    assert not orientation.order_decided
+    assert not orientation.wrong
+    assert "undecided" in orientation.message
+
+
+def test_scrambled_views_are_not_put_in_order() -> None:
+    lf = scenes.render("leaves", size=128, views=9, samples=1)
+    places = np.random.default_rng(0).permutation(81)
+    scrambled = lf.views.reshape(81, *lf.shape[2:])[places].reshape(lf.shape)
+    assert not check_orientation(replace(lf, views=scrambled)).order_decided
+
+
+def wall(disparity: float) -> LightField:
+    """A wall parallel to the picture: nothing hides anything."""
+    paint = texture(np.random.default_rng(0), waves=30)
+    return LightField(quantise(plane_views(paint, disparity, (5, 5), (96, 128)), "uint8")[..., None])
+
+
+def test_without_occlusions_the_sign_is_undecided() -> None:
+    orientation = check_orientation(wall(1.5))
+    assert orientation.order_decided
+    assert not orientation.sign_decided
+    assert not orientation.wrong
+    assert orientation.message.endswith("if near and far come out swapped use --flip-v --flip-u")
+
+
+def test_without_occlusions_rows_and_columns_are_still_compared() -> None:
+    orientation = check_orientation(disordered(wall(1.5), Reordering(flip_u=True)))
+    assert orientation.wrong
+    assert orientation.message.endswith("; use --flip-u, or if near and far come out swapped use --flip-v")
+
+
+def test_a_wall_at_zero_disparity_shows_no_order() -> None:
+    assert not check_orientation(wall(0)).order_decided
+
+
+def test_reading_refuses_views_in_another_order(tmp_path: Path) -> None:
+    lf = scenes.render("leaves", size=128, views=5, samples=1)
+    np.save(tmp_path / "right.npy", lf.views)
+    np.save(tmp_path / "wrong.npy", lf.views[::-1])
+    assert lfdepth.read(tmp_path / "right.npy", check=True).shape == lf.shape
+    with pytest.raises(LightFieldError, match=r"wrong.npy: .*; use --flip-v$") as error:
+        read(tmp_path / "wrong.npy", check=True)
+    assert "\n" not in str(error.value)
+    assert read(tmp_path / "wrong.npy", check=True, flip_v=True).shape == lf.shape
+    with pytest.raises(LightFieldError, match=r"right.npy: .*; leave out --flip-v$"):
+        read(tmp_path / "right.npy", check=True, flip_v=True)
+
+
+def test_reading_warns_if_it_cannot_tell(tmp_path: Path) -> None:
+    np.save(tmp_path / "wall.npy", wall(1.5).views)
+    with pytest.warns(UserWarning, match=r"wall.npy: .*undecided") as warned:
+        read(tmp_path / "wall.npy", check=True)
+    assert warned[0].filename == __file__
