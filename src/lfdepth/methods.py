@@ -30,8 +30,8 @@ class Method:
         "none", "skip-mask" (the paper's mask from J planes in front), or "visibility" (depth edges decided
         by the views that see past them).
     decoder
-        "accumulate" (FBS), "sfa" (sign function approximation), or "joint" (signs and photo-consistency in one
-        energy, made smooth along scanlines).
+        "accumulate" (FBS), "sfa" (sign function approximation), or "joint" (signs and photo-consistency in
+        one energy, made smooth along scanlines).
     step
         Distance between planes, px per view step (`d_step`); None where `planes` is given.
     planes
@@ -81,7 +81,7 @@ class Method:
     epsilon: float = 1e-4
     normalise: bool = True
     subplane: bool = True
-    photo_weight: float = 1.0
+    photo_weight: float = 2.0
     slope_penalty: float = 0.12
     jump_penalty: float = 2.0
     edge_passes: int = 2
@@ -120,7 +120,7 @@ _REGISTRY = {
         ),
         Method(
             name="fbs-vis",
-            summary="Signs and photo-consistency in one energy, depth edges by exact visibility (the default).",
+            summary="Signs and photo-consistency in one energy, with exact visibility (the default).",
             occlusion="visibility",
             decoder="joint",
             step=0.06,

@@ -2,24 +2,29 @@
 
 Most of what is wrong in a smoothed map lies within one pixel of a depth edge, and most of that is foreground
 too fat, because a pixel that mixes both surfaces moves with the nearer one. There, however, the other views
-know more. An occluder moves through the views with its own disparity, not with the background's: each pixel
-of the map, splatted into every view at *its own* disparity, says exactly which views see past the edge.
-Their mean colour at the background's disparity is the colour `B` that the background has at this very pixel;
-the foreground's colour `F` comes from the nearest pixels inside it. The pixel belongs to the background if
-its own colour is nearer to B than to F, each distance measured by that surface's spread. In doubt a pixel
-keeps its side: the more views agree with it at its present disparity, the more the colours must say.
+know more, and exact visibility (`visibility`) says which of them see past the edge. Their mean colour at the
+background's disparity is the colour `B` that the background has at this very pixel; the foreground's colour
+`F` comes from the nearest pixels inside it. The pixel belongs to the background if its own colour is nearer
+to B than to F, each distance measured by that surface's spread. In doubt a pixel keeps its side: the more
+views agree with it at its present disparity, the more the colours must say.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.sweep.edges_kernels import EMPTY, edge_kernel, splat_kernel
+from lfdepth.lightfield import LightField
+from lfdepth.sweep.edges_kernels import edge_kernel
+from lfdepth.sweep.median import median_plane
 from lfdepth.sweep.parallel import Workers
+from lfdepth.sweep.photo import local_thresholds
+from lfdepth.sweep.visibility import nearest_surfaces
+
+_MEDIAN = (1, 0.05, 2.0)  # radius in px, standard deviations of colour and space
+_EDGE_TRUST = 0.3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,67 +49,57 @@ class EdgeRule:
     inertia: float = 3.0
 
 
-def nearest_per_view(
-    disparity: NDArray[np.float32], grid: tuple[int, int], workers: Workers
-) -> NDArray[np.float32]:
-    """Disparity of the nearest surface at every pixel of every view, (V, U, H, W); `EMPTY` if unknown.
-
-    Every pixel of the map is splatted to the nearest pixel of each view at its own disparity. Surfaces that
-    the reference view does not see are unknown.
-    """
-    height, width = disparity.shape
-    nearest = np.full((*grid, height, width), EMPTY, np.float32)
-    flat = nearest.reshape(-1, height, width)
-    workers.rows(len(flat), splat_kernel, disparity, flat, grid)
-    return nearest
-
-
-def decide_edges(
-    disparity: NDArray[np.float32],
-    views: NDArray[Any],
-    present: NDArray[np.bool_],
-    thresholds: NDArray[np.float32],
-    rule: EdgeRule,
-    workers: Workers,
-) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """Decide every pixel beside a depth edge between its two surfaces.
+class DepthEdges:
+    """Settles maps of one light field at their depth edges.
 
     Parameters
     ----------
-    disparity
-        (H, W) map of the reference view, px per view step.
-    views
-        (V, U, H, W, C) uint8, or float32 in 0…255.
-    present
-        (V, U) which views are there.
-    thresholds
-        (H, W) difference below which colours agree, as a fraction of full scale.
+    lf
+        Light field.
     rule
         Parameters.
-    workers
-        Threads.
-
-    Returns
-    -------
-    The new map (H, W), and where edges were found (H, W).
     """
-    at_edge = np.zeros(disparity.shape, np.bool_)
-    for _ in range(rule.passes):
-        nearest = nearest_per_view(disparity, present.shape, workers)
+
+    def __init__(self, lf: LightField, rule: EdgeRule) -> None:
+        self.rule = rule
+        to_bytes = np.float32(255 / lf.full_scale)
+        self._views = lf.views if lf.views.dtype == np.uint8 else lf.views.astype(np.float32) * to_bytes
+        self._guide = np.ascontiguousarray(lf.reference.astype(np.float32) / np.float32(lf.full_scale))
+        self._thresholds = local_thresholds(lf.reference) * np.float32(255)
+        self._present = np.ones(lf.shape[:2], np.bool_) if lf.present is None else lf.present
+        self._found = np.zeros(lf.views.shape[2:4], np.bool_)
+
+    def settle(self, disparity: NDArray[np.float32], workers: Workers) -> NDArray[np.float32]:
+        """Remove isolated values from a map (H, W), then decide every pixel beside a depth edge."""
+        settled = np.empty_like(disparity)
+        median_plane(disparity, self._guide, None, _MEDIAN, workers, settled)
+        self._found[:] = False
+        for _ in range(self.rule.passes):
+            settled = self._move_edges(settled, workers)
+        return settled
+
+    def distrust(self, confidence: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Lower a map's confidence (H, W) where the last map had edges."""
+        return np.where(self._found, np.float32(_EDGE_TRUST) * confidence, confidence)
+
+    def _move_edges(self, disparity: NDArray[np.float32], workers: Workers) -> NDArray[np.float32]:
+        grid, width = (self._views.shape[0], self._views.shape[1]), self._views.shape[3]
+        nearest = nearest_surfaces(disparity, grid, 0, width, workers)
         decided = disparity.copy()
         workers.rows(
-            disparity.shape[0],
+            len(disparity),
             edge_kernel,
             disparity,
-            views,
-            present,
-            nearest,
-            thresholds * np.float32(255),
-            np.float32(rule.jump),
-            np.float32(rule.spread),
-            np.float32(rule.inertia),
+            self._views,
+            self._present,
+            nearest.data,
+            nearest.margin,
+            nearest.row_length,
+            self._thresholds,
+            np.float32(self.rule.jump),
+            np.float32(self.rule.spread),
+            np.float32(self.rule.inertia),
             decided,
-            at_edge,
+            self._found,
         )
-        disparity = decided
-    return disparity, at_edge
+        return decided

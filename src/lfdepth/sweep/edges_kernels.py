@@ -5,8 +5,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-EMPTY = np.float32(-1e9)
-"""Where no surface is known."""
+from lfdepth.sweep.visibility_kernels import PARTS
 
 _REACH = 2  # px around a pixel in which the foreground's colour is looked for
 _BLUR = np.float32(1.5)  # standard deviation in px of the weights of those pixels
@@ -15,20 +14,6 @@ _FRINGE = np.float32(
 )  # weight of foreground pixels that touch the background: they may be mixed themselves
 _FEW_VIEWS = 3
 _SAME = np.float32(4)  # grey levels squared per channel: surfaces of one colour cannot be told apart
-
-
-@nb.njit(nogil=True, cache=True)
-def splat_kernel(first, last, disparity, nearest, grid):
-    """Splat the map into views [first, last), nearest wins."""
-    height, width = disparity.shape
-    for view in range(first, last):
-        dv, du = view // grid[1] - grid[0] // 2, view % grid[1] - grid[1] // 2
-        for y in range(height):
-            for x in range(width):
-                here = disparity[y, x]
-                to_x, to_y = int(np.floor(x - du * here + 0.5)), int(np.floor(y - dv * here + 0.5))
-                if 0 <= to_x < width and 0 <= to_y < height and nearest[view, to_y, to_x] < here:
-                    nearest[view, to_y, to_x] = here
 
 
 @nb.njit(nogil=True, cache=True)
@@ -86,10 +71,10 @@ def _foreground_colour(disparity, reference, y, x, near, far, mean):
 
 
 @nb.njit(nogil=True, cache=True)
-def _views_behind(views, present, nearest, y, x, near, far, samples):
+def _views_behind(views, present, nearest, margin, row_length, y, x, near, far, samples):
     """Colours at the far disparity in the views that see past the near surface; returns their number."""
     rows, columns, height, width = views.shape[:4]
-    horizon = far + np.float32(0.5) * (near - far)
+    horizon = (far + np.float32(0.5) * (near - far)) * np.float32(PARTS)
     count = 0
     for v in range(rows):
         for u in range(columns):
@@ -98,7 +83,8 @@ def _views_behind(views, present, nearest, y, x, near, far, samples):
                 continue
             if to_y < 0 or to_x < 0 or to_y > height - 1 or to_x > width - 1:
                 continue
-            if nearest[v, u, int(to_y + 0.5), int(to_x + 0.5)] > horizon:
+            row = (v * height + int(to_y + 0.5)) * columns + u
+            if nearest[row * row_length + margin + int(to_x + 0.5)] > horizon:
                 continue
             sample(views[v, u], to_y, to_x, samples[count])
             count += 1
@@ -168,6 +154,8 @@ def edge_kernel(
     views,
     present,
     nearest,
+    margin,
+    row_length,
     thresholds,
     jump,
     spread,
@@ -191,7 +179,7 @@ def edge_kernel(
                 continue
             at_edge[y, x] = True
             weight, front_spread = _foreground_colour(disparity, reference, y, x, near, far, front)
-            count = _views_behind(views, present, nearest, y, x, near, far, samples)
+            count = _views_behind(views, present, nearest, margin, row_length, y, x, near, far, samples)
             if weight <= np.float32(1e-6) or count < _FEW_VIEWS:
                 continue
             back_spread = _background_colour(samples, count, back)

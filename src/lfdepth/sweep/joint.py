@@ -15,6 +15,7 @@ A parabola through the minimum places the disparity between planes.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,13 +27,15 @@ from lfdepth.sweep.joint_kernels import (
     decode_kernel,
     energy_kernel,
     horizontal_kernel,
-    store_kernel,
+    store_photo_kernel,
+    store_signs_kernel,
     vertical_kernel,
 )
 from lfdepth.sweep.noise import ramp, texture_weight
 from lfdepth.sweep.parallel import Workers
 from lfdepth.sweep.photo import local_thresholds, photo_plane, prepare_colours
 from lfdepth.sweep.smoothing import GuidedFilter
+from lfdepth.sweep.visibility import NearestSurfaces, nearest_surfaces
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -51,7 +54,7 @@ class JointRule:
         Both penalties fall as exp(−edge_sharpness · Σ_channels |ΔI|), I in [0, 1].
     """
 
-    photo_weight: float = 1.0
+    photo_weight: float = 2.0
     slope_penalty: float = 0.12
     jump_penalty: float = 2.0
     edge_sharpness: float = 20.0
@@ -60,67 +63,98 @@ class JointRule:
 class JointEnergy:
     """Collects smoothed votes front to back, then decides.
 
-    Unlike the streaming decoders it keeps a volume (5 bytes per plane and pixel, 9 while it decides): a path may change its mind.
+    Unlike the streaming decoders it keeps a volume, since a path may change its mind: 5 bytes per plane and
+    pixel, and 4 more while it decides.
 
     Parameters
     ----------
-    planes
-        (K,) disparities front to back, K ≥ 3.
     lf
         Light field, whose colours vote.
+    planes
+        (K,) disparities front to back, K ≥ 3.
     smoothing
         Filter for the photo-consistency votes, with its guide.
     rule
         Weights.
+    stride
+        Count photo-consistency on every `stride`-th plane only: enough for a first map that says which views
+        see what, before `recount`.
     """
 
     def __init__(
-        self, lf: LightField, planes: NDArray[np.float64], smoothing: GuidedFilter, rule: JointRule
+        self,
+        lf: LightField,
+        planes: NDArray[np.float64],
+        smoothing: GuidedFilter,
+        rule: JointRule,
+        *,
+        stride: int = 1,
     ) -> None:
         self.planes = planes
         self.rule = rule
+        self.stride = stride if len(planes) >= 3 * stride else 1
         self._smoothing = smoothing
         self._colours = prepare_colours(lf, float(np.abs(planes).max()))
         self._thresholds = local_thresholds(lf.reference)
         self._texture = texture_weight(lf, planes)
-        shape = (len(planes), *smoothing.guide.shape[:2])
-        self._agreeing, self._share = np.empty(shape[1:], np.float32), np.empty(shape[1:], np.float32)
-        self._signs = np.empty(shape, np.float32)
-        self._photo = np.empty(shape, np.uint8)
-        self._running = np.zeros(shape[1:], np.float32)
-        self._lowest = np.zeros(shape[1:], np.float32)
-        self._peak = np.zeros(shape[1:], np.float32)
-        self._photo_sum = np.zeros(shape[1:], np.float32)
+        size = smoothing.guide.shape[:2]
+        self._agreeing, self._share = np.empty(size, np.float32), np.empty(size, np.float32)
+        self._signs = np.empty((len(planes), *size), np.float32)
+        self._photo = np.empty((len(planes), *size), np.uint8)
+        self._running, self._lowest = np.zeros(size, np.float32), np.zeros(size, np.float32)
 
     def update(self, index: int, smoothed: NDArray[np.float32], workers: Workers) -> None:
         """Take the smoothed sign votes of plane `index`, and count photo-consistency there."""
-        photo_plane(self._colours, float(self.planes[index]), self._thresholds, workers, self._agreeing)
-        self._smoothing.smooth_plane(self._agreeing, workers, self._share)
+        step = np.float32(self.planes[0] - self.planes[1])
         workers.rows(
-            smoothed.shape[0],
-            store_kernel,
-            np.float32(self.planes[0] - self.planes[1]),
-            smoothed,
-            self._share,
-            self._running,
-            self._lowest,
-            self._peak,
-            self._photo_sum,
-            self._signs[index],
-            self._photo[index],
+            len(smoothed), store_signs_kernel, step, smoothed, self._running, self._lowest, self._signs[index]
         )
+        if index % self.stride == 0:
+            self._count(index, None, workers)
+
+    def recount(self, disparity: NDArray[np.float32], workers: Workers) -> Iterator[int]:
+        """Count photo-consistency again on all planes, in the views that see past a first map (H, W).
+
+        Yields the index of each plane done.
+        """
+        stack = self._colours
+        nearest = nearest_surfaces(disparity, stack.grid, stack.margin, stack.row_length, workers)
+        self.stride = 1
+        for index in range(len(self.planes)):
+            self._count(index, nearest, workers)
+            yield index
+
+    def _count(self, index: int, nearest: NearestSurfaces | None, workers: Workers) -> None:
+        plane = float(self.planes[index])
+        photo_plane(self._colours, plane, self._thresholds, workers, self._agreeing, nearest)
+        self._smoothing.smooth_plane(self._agreeing, workers, self._share)
+        workers.rows(len(self._share), store_photo_kernel, self._share, self._photo[index])
 
     def decide(self, workers: Workers) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Disparity and confidence, both (H, W); the volume is used up."""
-        height, width = self._running.shape
-        count = len(self.planes)
-        step = float(self.planes[0] - self.planes[1])
-        contrast = self._peak - self._photo_sum / np.float32(count)
+        """Disparity and confidence, both (H, W)."""
+        signs, photo = self._signs[:: self.stride], self._photo[:: self.stride]
+        step = np.float32(self.planes[0] - self.planes[1])
+        contrast = (photo.max(axis=0) - photo.mean(axis=0, dtype=np.float32)) / np.float32(255)
         weight = np.float32(self.rule.photo_weight) * ramp(contrast, 0.03, 0.1) * self._texture
-        energy = np.empty((height, width, count), np.int16)
-        workers.rows(height, energy_kernel, self._signs, self._photo, weight, energy)
-        del self._signs, self._photo
-        total = np.zeros((height, width, count), np.int16)
+        total = self._smooth_paths(signs, photo, weight, workers)
+        position = np.empty(weight.shape, np.float32)
+        workers.rows(len(position), decode_kernel, total, position)
+        disparity = np.float32(self.planes[0]) - step * np.float32(self.stride) * position
+        fit = np.clip((self._running - 2 * self._lowest) / (step * np.float32(len(self.planes))), 0, 1)
+        return disparity, np.sqrt(fit * np.clip(contrast, 0, 1))
+
+    def _smooth_paths(
+        self,
+        signs: NDArray[np.float32],
+        photo: NDArray[np.uint8],
+        weight: NDArray[np.float32],
+        workers: Workers,
+    ) -> NDArray[np.int16]:
+        """Energies (H, W, K) summed over the best paths from four sides."""
+        height, width = weight.shape
+        energy = np.empty((height, width, len(signs)), np.int16)
+        workers.rows(height, energy_kernel, signs, photo, weight, energy)
+        total = np.zeros_like(energy)
         for kernel, length in ((horizontal_kernel, height), (vertical_kernel, width)):
             workers.rows(
                 length,
@@ -128,12 +162,8 @@ class JointEnergy:
                 energy,
                 total,
                 self._smoothing.guide,
-                np.float32(self.rule.slope_penalty * SCALE),
+                np.float32(self.rule.slope_penalty * self.stride * SCALE),
                 np.float32(self.rule.jump_penalty * SCALE),
                 np.float32(self.rule.edge_sharpness),
             )
-        position, sharpness = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
-        workers.rows(height, decode_kernel, total, position, sharpness)
-        disparity = np.float32(self.planes[0]) - np.float32(step) * position
-        fit = np.clip((self._running - 2 * self._lowest) / np.float32(step * count), 0, 1)
-        return disparity, np.sqrt(fit * np.clip(contrast, 0, 1))
+        return total

@@ -14,20 +14,25 @@ _FAR = np.int16(32000)
 
 
 @nb.njit(nogil=True, cache=True)
-def store_kernel(first_row, last_row, step, smoothed, photo, running, lowest, peak, photo_sum, signs, shares):
-    """Keep one plane: the sign profile's energy, the photo-consistency in 1/255, and running statistics."""
+def store_signs_kernel(first_row, last_row, step, smoothed, running, lowest, signs):
+    """Keep one plane of the sign profile's energy, and its running sum and minimum."""
     half = np.float32(0.5) * step
     for y in range(first_row, last_row):
         for x in range(smoothed.shape[1]):
             value = smoothed[y, x]
-            share = min(max(photo[y, x], np.float32(0)), np.float32(1))
             signs[y, x] = running[y, x] + half * value
             total = running[y, x] + step * value
             running[y, x] = total
             lowest[y, x] = min(lowest[y, x], total)
-            peak[y, x] = max(peak[y, x], share)
-            photo_sum[y, x] += share
-            shares[y, x] = np.uint8(share * np.float32(_LEVELS) + np.float32(0.5))
+
+
+@nb.njit(nogil=True, cache=True)
+def store_photo_kernel(first_row, last_row, share, levels):
+    """Keep one plane of photo-consistency in 1/255."""
+    for y in range(first_row, last_row):
+        for x in range(share.shape[1]):
+            inside = min(max(share[y, x], np.float32(0)), np.float32(1))
+            levels[y, x] = np.uint8(inside * np.float32(_LEVELS) + np.float32(0.5))
 
 
 @nb.njit(nogil=True, cache=True)
@@ -121,8 +126,8 @@ def vertical_kernel(first_column, last_column, energy, total, guide, slope, jump
 
 
 @nb.njit(nogil=True, cache=True)
-def decode_kernel(first_row, last_row, total, position, sharpness):
-    """Plane of least total, between planes by a parabola, and the parabola's curvature."""
+def decode_kernel(first_row, last_row, total, position):
+    """Plane of least total, between planes by a parabola."""
     width, count = total.shape[1:]
     for y in range(first_row, last_row):
         for x in range(width):
@@ -131,11 +136,9 @@ def decode_kernel(first_row, last_row, total, position, sharpness):
                 if total[y, x, k] < total[y, x, best]:
                     best = k
             offset = np.float32(0)
-            curvature = np.float32(0)
             if 0 < best < count - 1:
-                before, here, after = total[y, x, best - 1], total[y, x, best], total[y, x, best + 1]
-                curvature = np.float32(before) - np.float32(2) * np.float32(here) + np.float32(after)
-                if curvature > 0:
-                    offset = np.float32(0.5) * (np.float32(before) - np.float32(after)) / curvature
+                before = np.float32(total[y, x, best - 1]) - np.float32(total[y, x, best])
+                after = np.float32(total[y, x, best + 1]) - np.float32(total[y, x, best])
+                if before + after > 0:
+                    offset = np.float32(0.5) * (before - after) / (before + after)
             position[y, x] = np.float32(best) + offset
-            sharpness[y, x] = curvature

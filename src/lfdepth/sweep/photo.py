@@ -24,6 +24,7 @@ from lfdepth.lightfield import FULL_SCALE, LightField
 from lfdepth.sweep.parallel import Workers
 from lfdepth.sweep.photo_kernels import UNIT, WHITE, photo_kernel
 from lfdepth.sweep.reparam import Shifts, round_width
+from lfdepth.sweep.visibility import NearestSurfaces
 
 LARGEST_THRESHOLD = 0.5
 """Of full scale. A bound on the sum over three channels then fits 16 bits."""
@@ -185,8 +186,9 @@ def photo_plane(
     thresholds: NDArray[np.float32],
     workers: Workers,
     out: NDArray[np.float32],
+    nearest: NearestSurfaces | None = None,
 ) -> None:
-    """Share of the views that count at one plane, into `out` (H, W).
+    """Share of the views that count at one plane, into `out` (H, W); with `nearest`, of those that see it.
 
     `thresholds` (H, W) lie in (0, 0.5], |disparity| within what the stack was prepared for. Sums of
     differences are whole numbers, so `sum / (C·WHITE) < threshold` is `sum < ceil(threshold·C·WHITE)`; the
@@ -204,7 +206,22 @@ def photo_plane(
         plane.across,
         plane.weights.astype(np.int16),
         stack.present,
+        _placed_visibility(stack, disparity, nearest),
+        nearest is not None,
     )
+
+
+def _placed_visibility(
+    stack: ColourStack, disparity: float, nearest: NearestSurfaces | None
+) -> tuple[Any, ...]:
+    """The kernel's arguments that say where a plane samples the nearest surfaces: at the nearest pixel."""
+    if nearest is None:
+        none = np.empty(0, np.int16)
+        return none, np.empty(0, np.int64), np.empty(0, np.int64), none.reshape(0, 0), 0
+    down, across = (
+        np.floor(-(np.arange(count) - count // 2) * disparity + 0.5).astype(np.int64) for count in stack.grid
+    )
+    return (nearest.data, down, across, *nearest.in_front(disparity))
 
 
 def _shifts(grid: tuple[int, int], disparity: float) -> Shifts:

@@ -105,14 +105,38 @@ def _share(out, votes, possible):
 
 
 @nb.njit(nogil=True, cache=True)
-def photo_kernel(first_row, last_row, out, thresholds, data, shape, down, across, weights, present):
+def _visible_share(out, votes, seen, possible):
+    """Share of the views that see the plane; a few of all views at least, or single views would decide."""
+    least = np.float32(0.1) * possible
+    for x in range(out.size):
+        out[x] = np.float32(votes[x]) / max(np.float32(seen[x]), least)
+
+
+@nb.njit(nogil=True, cache=True)
+def _add_visible(votes, seen, agrees, front, nearest, start, horizon):
+    """Count one view where it sees the plane, or the pixel itself lies in front; clears `agrees`."""
+    for x in range(np.uintp(votes.size)):
+        sees = (nearest[start + x] <= horizon) | (front[x] != 0)
+        seen[x] = np.int16(seen[x] + np.int16(sees))
+        votes[x] = np.int16(votes[x] + agrees[x]) if sees else votes[x]
+        agrees[x] = 0
+
+
+@nb.njit(nogil=True, cache=True)
+def photo_kernel(
+    first_row, last_row, out, thresholds, data, shape, down, across, weights, present, visibility, masked
+):
     """Share of the views below the threshold, for rows [first_row, last_row) of one plane.
 
-    `shape` is (V, U, H, C, row length, margin).
+    `shape` is (V, U, H, C, row length, margin). With `masked`, only views that see the plane count:
+    `visibility` is (nearest surfaces per view, whole pixels down and across at which they are sampled, pixels
+    in front of the plane, horizon).
     """
+    nearest, nearest_down, nearest_across, front, horizon = visibility
     rows, columns, height, channels, length, margin = shape
     possible, scale = np.float32(present.sum()), np.float64(channels * WHITE)
     votes = np.empty(length - 2 * margin, np.int16)
+    agrees, seen, front_row = np.zeros_like(votes), np.empty_like(votes), np.zeros_like(votes)
     bounds = np.zeros(votes.size, np.uint16)
     levels = np.empty(channels * votes.size, np.int16)
     reference = np.empty_like(levels)
@@ -122,6 +146,9 @@ def photo_kernel(first_row, last_row, out, thresholds, data, shape, down, across
         _interpolate(reference, channels, data, start, start, length, one, none, none, none)
         _integer_bounds(bounds, thresholds[y], scale)
         votes[:] = 0
+        seen[:] = 0
+        if masked:
+            front_row[: out.shape[1]] = front[y]
         for v in range(rows):
             upper = min(max(y + down[v], 0), height - 1)
             lower = min(max(y + down[v] + 1, 0), height - 1)
@@ -141,8 +168,16 @@ def photo_kernel(first_row, last_row, out, thresholds, data, shape, down, across
                     weights[v, u, 2],
                     weights[v, u, 3],
                 )
+                counts = agrees if masked else votes
                 if channels == 1:
-                    _count_grey(votes, bounds, levels, reference)
+                    _count_grey(counts, bounds, levels, reference)
                 else:
-                    _count_colour(votes, bounds, levels, reference)
-        _share(out[y], votes, possible)
+                    _count_colour(counts, bounds, levels, reference)
+                if masked:
+                    row = min(max(y + nearest_down[v], 0), height - 1)
+                    at = ((v * height + row) * columns + u) * length + margin + nearest_across[u]
+                    _add_visible(votes, seen, agrees, front_row, nearest, np.uintp(at), horizon)
+        if masked:
+            _visible_share(out[y], votes, seen, possible)
+        else:
+            _share(out[y], votes, possible)

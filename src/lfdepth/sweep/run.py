@@ -15,12 +15,10 @@ from lfdepth.lightfield import LightField
 from lfdepth.methods import Method
 from lfdepth.methods import method as named_method
 from lfdepth.sweep.decode import Accumulate, Decoder, SignStep, decided
-from lfdepth.sweep.edges import EdgeRule, decide_edges
+from lfdepth.sweep.edges import DepthEdges, EdgeRule
 from lfdepth.sweep.joint import JointEnergy, JointRule
-from lfdepth.sweep.median import median_plane
 from lfdepth.sweep.occlusion import NoOcclusion, SkipMask
 from lfdepth.sweep.parallel import Workers
-from lfdepth.sweep.photo import local_thresholds
 from lfdepth.sweep.planes import check_range, disparity_planes
 from lfdepth.sweep.reparam import FULL_SCALE, grey_levels, stack_views
 from lfdepth.sweep.smoothing import GuidedFilter
@@ -130,8 +128,6 @@ def estimate(
     volumes = _empty_volumes(planes, size) if keep_volume else None
     with Workers(threads) as workers:
         disparity, confidence = _sweep(lf, chosen, planes, volumes, workers, progress)
-        if chosen.occlusion == "visibility":
-            disparity, confidence = _settle_edges(lf, chosen, disparity, confidence, workers)
     disparity = np.clip(disparity, *searched).astype(np.float32)
     if volumes is not None:
         volumes.decided[:] = decided(disparity, planes)
@@ -152,6 +148,7 @@ def _sweep(
         SkipMask(method.skip, planes[0] - planes[1]) if method.occlusion == "skip-mask" else NoOcclusion()
     )
     decoder = _decoder(lf, method, planes, smoothing)
+    passes = 2 if method.occlusion == "visibility" and method.decoder == "joint" else 1
     rule = VoteRule(method.delta, method.threshold, method.gradient)
     stack = stack_views(lf, float(np.abs(planes).max()))
     votes, evidence, smoothed = (np.empty(stack.size, np.float32) for _ in "123")
@@ -166,30 +163,19 @@ def _sweep(
         if volumes is not None:
             volumes.initial[index], volumes.smoothed[index] = quotient(votes, evidence), smoothed
         if progress is not None:
-            progress(index + 1, len(planes))
-    return decoder.decide(workers)
-
-
-def _settle_edges(
-    lf: LightField,
-    method: Method,
-    disparity: NDArray[np.float32],
-    confidence: NDArray[np.float32],
-    workers: Workers,
-) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Remove isolated values, decide depth edges by exact visibility, and trust them less."""
-    median = np.empty_like(disparity)
-    median_plane(disparity, guide_image(lf, "colour"), None, (1, 0.05, 2.0), workers, median)
-    views = (
-        lf.views
-        if lf.views.dtype == np.uint8
-        else lf.views.astype(np.float32) * np.float32(255 / lf.full_scale)
-    )
-    rule = EdgeRule(passes=method.edge_passes)
-    thresholds = local_thresholds(lf.reference)
-    present = np.ones(lf.shape[:2], np.bool_) if lf.present is None else lf.present
-    settled, at_edge = decide_edges(median, views, present, thresholds, rule, workers)
-    return settled, np.where(at_edge, np.float32(0.3) * confidence, confidence)
+            progress(index + 1, len(planes) * passes)
+    disparity, confidence = decoder.decide(workers)
+    if method.occlusion != "visibility":
+        return disparity, confidence
+    edges = DepthEdges(lf, EdgeRule(passes=method.edge_passes))
+    disparity = edges.settle(disparity, workers)
+    if isinstance(decoder, JointEnergy):
+        for index in decoder.recount(disparity, workers):
+            if progress is not None:
+                progress(len(planes) + index + 1, len(planes) * passes)
+        disparity, confidence = decoder.decide(workers)
+        disparity = edges.settle(disparity, workers)
+    return disparity, edges.distrust(confidence)
 
 
 def guide_image(lf: LightField, guide: str) -> NDArray[np.float32]:
@@ -210,7 +196,7 @@ def _decoder(lf: LightField, method: Method, planes: NDArray[np.float64], smooth
         slope_penalty=method.slope_penalty,
         jump_penalty=method.jump_penalty,
     )
-    return JointEnergy(lf, planes, smoothing, rule)
+    return JointEnergy(lf, planes, smoothing, rule, stride=2 if method.occlusion == "visibility" else 1)
 
 
 def _empty_volumes(planes: NDArray[np.float64], size: tuple[int, int]) -> Volumes:

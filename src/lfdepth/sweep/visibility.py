@@ -1,0 +1,54 @@
+"""Exact visibility: what is nearest at every pixel of every view.
+
+An occluder moves through the views with its own disparity, not with that of the plane being looked at. So
+each pixel of a map is splatted into every view at *its own* disparity, once; in a view's own coordinates a
+surface point then stands still while the planes sweep, and the view sees a plane at a pixel unless something
+nearer was splatted there. The answer is sampled with the very shift that samples the view.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfdepth.sweep.parallel import Workers
+from lfdepth.sweep.visibility_kernels import EMPTY, PARTS, splat_kernel
+
+MARGIN = 0.2
+"""Surfaces count as nearer only if they are by more than this, px per view step."""
+
+
+@dataclass(frozen=True, eq=False)
+class NearestSurfaces:
+    """Nearest disparity per view, and the map it comes from.
+
+    `data` is flat int16 in 1/`PARTS` px, laid out (V, H, U, row_length) with `margin` empty columns on either
+    side; `EMPTY` where no surface is known. Surfaces that the reference view does not see are unknown.
+    """
+
+    data: NDArray[np.int16]
+    grid: tuple[int, int]
+    margin: int
+    row_length: int
+    disparity: NDArray[np.float32]
+
+    def in_front(self, plane: float) -> tuple[NDArray[np.int16], int]:
+        """Which pixels of the reference view lie in front of a plane, (H, W), and the plane's horizon.
+
+        A pixel in front of the plane is voted on by all views: its surface hides the plane in every one, and
+        must go on saying that it is in front.
+        """
+        horizon = int(np.clip(round((plane + MARGIN) * PARTS), EMPTY + 1, 32767))
+        return (self.disparity > plane + MARGIN).astype(np.int16), horizon
+
+
+def nearest_surfaces(
+    disparity: NDArray[np.float32], grid: tuple[int, int], margin: int, row_length: int, workers: Workers
+) -> NearestSurfaces:
+    """Splat a map (H, W) into every view of a grid, nearest wins; |disparity| below 32 px per view step."""
+    height = disparity.shape[0]
+    data = np.full((grid[0], height, grid[1], row_length), EMPTY, np.int16)
+    workers.rows(grid[0] * grid[1], splat_kernel, disparity, data, margin)
+    return NearestSurfaces(data.reshape(-1), grid, margin, row_length, disparity)
