@@ -1,8 +1,8 @@
 """Threads for the sweep's kernels.
 
 The kernels release the GIL and each works on a band of rows, so an ordinary thread pool runs them side by
-side. Bands begin at multiples of `STRIP` whatever the number of threads; a kernel that carries state from row
-to row starts afresh there, which makes results independent of the number of threads.
+side. No row's result depends on where its band begins, which makes results independent of the number of
+threads.
 """
 
 from __future__ import annotations
@@ -15,9 +15,6 @@ from types import TracebackType
 from typing import Any
 
 from lfdepth.errors import LightFieldError
-
-STRIP = 32
-"""Rows after which a kernel's running state starts afresh."""
 
 
 def default_threads() -> int:
@@ -69,8 +66,6 @@ class Workers:
 
 
 def bands(height: int, count: int) -> list[tuple[int, int]]:
-    """Split rows into at most `count` bands of whole strips, as even as possible."""
-    strips = -(-height // STRIP)
-    count = min(count, strips)
-    edges = [STRIP * (strips * i // count) for i in range(count)] + [height]
-    return list(pairwise(edges))
+    """Split rows into at most `count` bands, as even as possible."""
+    count = min(count, height)
+    return list(pairwise(height * i // count for i in range(count + 1)))

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lfdepth.errors import LightFieldError
 from lfdepth.sweep.parallel import Workers
-from lfdepth.sweep.smoothing_kernels import apply_kernel, divide_kernel, fit_kernel
+from lfdepth.sweep.smoothing_kernels import smooth_kernel
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,11 +45,7 @@ class GuidedFilter:
     guide: NDArray[np.float32]
     radius: int = 4
     epsilon: float = 1e-4
-    _channels: NDArray[np.float32] = field(init=False, repr=False)
-    _mean: NDArray[np.float32] = field(init=False, repr=False)
-    _inverse: NDArray[np.float32] = field(init=False, repr=False)
-    _fit: NDArray[np.float32] = field(init=False, repr=False)
-    _weight: NDArray[np.float32] = field(init=False, repr=False)
+    _prepared: tuple[Any, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if self.guide.ndim != 3 or self.guide.shape[2] not in (1, 3):
@@ -67,17 +63,17 @@ class GuidedFilter:
             )
         if not self.epsilon > 0:
             raise LightFieldError(f"epsilon: found {self.epsilon}, expected a positive number such as 1e-4")
-        planes = np.ascontiguousarray(np.moveaxis(self.guide.astype(np.float32), 2, 0))
+        planes = np.moveaxis(self.guide.astype(np.float32), 2, 0)
         mean = np.stack([box_mean(plane, self.radius) for plane in planes])
-        object.__setattr__(self, "_channels", planes)
-        object.__setattr__(self, "_mean", mean.astype(np.float32))
-        object.__setattr__(self, "_inverse", self._inverse_covariance(mean))
-        object.__setattr__(self, "_weight", np.empty((height, width), np.float32))
-        object.__setattr__(self, "_fit", np.empty((channels + 1, height, width), np.float32))
+        stats = np.concatenate([mean, self._inverse_covariance(planes, mean)])
+        first, last = _window_ends(width, self.radius)
+        rows = (_row_by_row(planes), _row_by_row(stats), (1 / (last - first)).astype(np.float32))
+        object.__setattr__(self, "_prepared", (*rows, (height, width, channels), self.radius))
 
-    def _inverse_covariance(self, mean: NDArray[np.float64]) -> NDArray[np.float32]:
+    def _inverse_covariance(
+        self, channels: NDArray[np.float32], mean: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
         """Upper triangle of (Σ + ε·1)⁻¹ per pixel: (1, H, W) for grey, (6, H, W) for colour."""
-        channels = self._channels
         count = channels.shape[0]
         upper = [(i, j) for i in range(count) for j in range(i, count)]
         cov = {
@@ -87,7 +83,7 @@ class GuidedFilter:
         for i in range(count):
             cov[i, i] += self.epsilon
         if count == 1:
-            return np.asarray((1.0 / cov[0, 0])[None], np.float32)
+            return np.asarray(1.0 / cov[0, 0])[None]
         minors = {
             (0, 0): cov[1, 1] * cov[2, 2] - cov[1, 2] ** 2,
             (0, 1): cov[0, 2] * cov[1, 2] - cov[0, 1] * cov[2, 2],
@@ -97,7 +93,7 @@ class GuidedFilter:
             (2, 2): cov[0, 0] * cov[1, 1] - cov[0, 1] ** 2,
         }
         determinant = cov[0, 0] * minors[0, 0] + cov[0, 1] * minors[0, 1] + cov[0, 2] * minors[0, 2]
-        return np.stack([minors[pair] / determinant for pair in upper]).astype(np.float32, copy=False)
+        return np.stack([minors[pair] / determinant for pair in upper])
 
     def __call__(self, image: NDArray[Any], *, threads: int | None = 1) -> NDArray[np.float32]:
         """Smooth an (H, W) image; returns (H, W) float32.
@@ -117,12 +113,8 @@ class GuidedFilter:
         return out
 
     def smooth_plane(self, image: NDArray[np.float32], workers: Workers, out: NDArray[np.float32]) -> None:
-        """Smooth `image` into `out`; what an engine for other hardware replaces. Not reentrant."""
-        height = image.shape[0]
-        workers.rows(
-            height, fit_kernel, self._fit, image, self._channels, self._mean, self._inverse, self.radius
-        )
-        workers.rows(height, apply_kernel, out, self._fit, self._channels, self.radius)
+        """Smooth `image` into `out`; what an engine for other hardware replaces."""
+        self._smooth(image, image, False, workers, out)
 
     def smooth_quotient(
         self,
@@ -132,9 +124,29 @@ class GuidedFilter:
         out: NDArray[np.float32],
     ) -> None:
         """Normalised smoothing: smoothed numerator over smoothed denominator, within [−1, 1], into `out`."""
-        self.smooth_plane(numerator, workers, out)
-        self.smooth_plane(denominator, workers, self._weight)
-        workers.rows(out.shape[0], divide_kernel, out, self._weight)
+        self._smooth(numerator, denominator, True, workers, out)
+
+    def _smooth(
+        self,
+        numerator: NDArray[np.float32],
+        denominator: NDArray[np.float32],
+        divide: bool,
+        workers: Workers,
+        out: NDArray[np.float32],
+    ) -> None:
+        images = numerator.reshape(-1), denominator.reshape(-1)
+        workers.rows(out.shape[0], smooth_kernel, out, *images, divide, *self._prepared)
+
+
+def _window_ends(length: int, radius: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First place, and the one after the last, of every place's window, cut at the ends."""
+    index = np.arange(length)
+    return np.maximum(index - radius, 0), np.minimum(index + radius + 1, length)
+
+
+def _row_by_row(channels: NDArray[Any]) -> NDArray[np.float32]:
+    """Channels (C, H, W) as one array that holds the channels of a row side by side."""
+    return np.ascontiguousarray(np.moveaxis(channels, 0, 1), np.float32).reshape(-1)
 
 
 def box_mean(image: NDArray[Any], radius: int) -> NDArray[np.float64]:
@@ -143,8 +155,7 @@ def box_mean(image: NDArray[Any], radius: int) -> NDArray[np.float64]:
     for axis in (0, 1):
         length = mean.shape[axis]
         total = np.concatenate([np.zeros_like(mean.take([0], axis)), np.cumsum(mean, axis)], axis)
-        index = np.arange(length)
-        first, last = np.maximum(index - radius, 0), np.minimum(index + radius + 1, length)
+        first, last = _window_ends(length, radius)
         count = (last - first).reshape((-1, 1) if axis == 0 else (1, -1))
         mean = (total.take(last, axis) - total.take(first, axis)) / count
     return mean

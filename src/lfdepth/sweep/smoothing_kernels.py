@@ -1,8 +1,16 @@
 """Row kernels of the guided filter.
 
-Column sums run down the image, window sums are put together along each row, so the work per pixel hardly
-depends on the radius. Leaf functions take one-dimensional rows indexed from zero: that is what LLVM turns
-into vector loops.
+One pass down the image: each row that comes in completes the windows of the row `radius` above it, whose fits
+complete the windows of the row another `radius` above. Of images, products and fits only a window's height of
+rows is kept, which stays in the second-level cache; memory is read once and written once.
+
+Sums down a column come from blocks of one window's height, counted from the image's first row: every window
+is the end of one block and the beginning of the next (van Herk, doi:10.1016/0167-8655(92)90069-C). Nothing is
+ever subtracted, so nothing is left behind where nothing was summed, and a row's sums are the same wherever a
+band begins.
+
+A row of sums holds all channels side by side, each with `radius` zeros on both sides. Leaf functions take
+flat arrays and unsigned offsets: that is what LLVM turns into vector loops.
 """
 
 from __future__ import annotations
@@ -10,174 +18,228 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from lfdepth.sweep.parallel import STRIP
-
-_RESIDUE = np.float32(1e-6)
+_NONE, _ONE, _TWO = np.uintp(0), np.uintp(1), np.uintp(2)
 
 
 @nb.njit(nogil=True, cache=True)
-def _add(total, row):
-    for x in range(row.size):
-        total[x] += row[x]
+def _copy(ring, new, image, start, width):
+    for x in range(np.uintp(width)):
+        ring[new + x] = image[start + x]
 
 
 @nb.njit(nogil=True, cache=True)
-def _subtract(total, row):
-    for x in range(row.size):
-        total[x] -= row[x]
+def _multiply(ring, new, image, start, guide, factor, width):
+    for x in range(np.uintp(width)):
+        ring[new + x] = image[start + x] * guide[factor + x]
 
 
 @nb.njit(nogil=True, cache=True)
-def _add_product(total, row, other):
-    for x in range(row.size):
-        total[x] += row[x] * other[x]
+def _turn_block(ring, height, length):
+    """Replace the rows of a full block by the sums from each row to the block's end."""
+    for row in range(height - 2, 0, -1):
+        here, below = np.uintp(row * length), np.uintp((row + 1) * length)
+        for x in range(np.uintp(length)):
+            ring[here + x] += ring[below + x]
 
 
 @nb.njit(nogil=True, cache=True)
-def _subtract_product(total, row, other):
-    for x in range(row.size):
-        total[x] -= row[x] * other[x]
+def _add_row(sums, ring, new, end, begun, length):
+    """Sums of the window that the row at `new` completes: the end of one block, the beginning of the next."""
+    for x in range(np.uintp(length)):
+        total = begun[x] + ring[new + x]
+        begun[x] = total
+        sums[x] = total + ring[end + x]
 
 
 @nb.njit(nogil=True, cache=True)
-def _add_shifted(out, row, shifted):
-    for x in range(out.size):
-        out[x] = row[x] + shifted[x]
+def _column_sums(sums, ring, begun, row, height, length):
+    """Sums over the `height` rows that end at `row`, which has just been put into its place in the ring.
 
-
-@nb.njit(nogil=True, cache=True)
-def _window_means(out, columns, run, rows, radius):
-    """Means over 2·radius + 1 neighbours of column sums that carry `radius` zeros on both sides.
-
-    Windows are put together from runs of 1, 2, 4 … values (the binary digits of the window's length), which
-    vectorises and, unlike a running sum along the row, does not drift. `run` is scratch of the row's length.
+    The ring holds a block, and behind it a row of zeros: the last row of a block needs no other block's end.
     """
-    window, length, offset, width = 2 * radius + 1, 1, 1, out.size
-    out[:] = columns[:width]
-    run[:] = columns
-    while 2 * length <= window:
-        # run[x] becomes the sum of 2·length values from x; in place, since it reads only ahead of x.
-        _add(run[: run.size - length], run[length:])
-        length *= 2
-        if window & length:
-            _add(out, run[offset : offset + width])
-            offset += length
-    inner = np.float32(1.0 / (rows * window))
-    for x in range(width):
-        out[x] *= inner
-    # Windows are cut at the left and right border (eq. of He et al. with |ω| counted).
-    for x in range(radius):
-        cut = np.float32(window) / np.float32(min(x + radius + 1, width))
-        out[x] *= cut
-        out[width - 1 - x] *= cut
+    place = row % height
+    if place == 0:
+        begun[:] = 0
+    _add_row(sums, ring, np.uintp(place * length), np.uintp((place + 1) * length), begun, length)
+    if place == height - 1:
+        _turn_block(ring, height, length)
 
 
 @nb.njit(nogil=True, cache=True)
-def _drop_residue(row):
-    """Set to zero what rounding of the running sums leaves behind where nothing was summed."""
-    for x in range(row.size):
-        row[x] = row[x] if abs(row[x]) > _RESIDUE else np.float32(0)
+def _sum_four(out, row, step, length):
+    twice = step + step
+    for x in range(np.uintp(length)):
+        out[x] = (row[x] + row[x + step]) + (row[x + twice] + row[x + twice + step])
 
 
 @nb.njit(nogil=True, cache=True)
-def _grey_fit(slope, offset, window, mean, inverse):
-    for x in range(offset.size):
-        slope[x] = inverse[x] * (window[1, x] - mean[x] * window[0, x])
-        offset[x] = window[0, x] - slope[x] * mean[x]
+def _add_one(out, row, first, length):
+    for x in range(np.uintp(length)):
+        out[x] += row[x + first]
 
 
 @nb.njit(nogil=True, cache=True)
-def _colour_fit(fit0, fit1, fit2, fit3, p, pr, pg, pb, mr, mg, mb, i0, i1, i2, i3, i4, i5):
-    for x in range(p.size):
-        r, g, b = pr[x] - mr[x] * p[x], pg[x] - mg[x] * p[x], pb[x] - mb[x] * p[x]
-        a0 = i0[x] * r + i1[x] * g + i2[x] * b
-        a1 = i1[x] * r + i3[x] * g + i4[x] * b
-        a2 = i2[x] * r + i4[x] * g + i5[x] * b
-        fit0[x] = p[x] - a0 * mr[x] - a1 * mg[x] - a2 * mb[x]
-        fit1[x] = a0
-        fit2[x] = a1
-        fit3[x] = a2
+def _add_two(out, row, first, second, length):
+    for x in range(np.uintp(length)):
+        out[x] += row[x + first] + row[x + second]
 
 
 @nb.njit(nogil=True, cache=True)
-def fit_kernel(first_row, last_row, fit, image, guide, mean, inverse, radius):
-    """Linear fits of every window, fit[0] the offset, fit[1:] the slopes, for rows [first_row, last_row)."""
-    channels, height, width = guide.shape
-    columns = np.zeros((channels + 1, width + 2 * radius), np.float32)
-    inner = columns[:, radius : radius + width]
-    run = np.empty(width + 2 * radius, np.float32)
-    window = np.empty((channels + 1, width), np.float32)
-    for y in range(first_row, last_row):
-        fresh = y % STRIP == 0 or y == first_row
-        if fresh:
-            columns[:] = 0
-        for row in range(max(y - radius, 0) if fresh else y + radius, min(y + radius + 1, height)):
-            _add(inner[0], image[row])
-            for c in range(channels):
-                _add_product(inner[c + 1], image[row], guide[c, row])
-        if not fresh and y - radius - 1 >= 0:
-            _subtract(inner[0], image[y - radius - 1])
-            for c in range(channels):
-                _subtract_product(inner[c + 1], image[y - radius - 1], guide[c, y - radius - 1])
-        rows = min(y + radius + 1, height) - max(y - radius, 0)
-        for c in range(channels + 1):
-            _window_means(window[c], columns[c], run, rows, radius)
-        if channels == 1:
-            _grey_fit(fit[1, y], fit[0, y], window, mean[0, y], inverse[0, y])
-        else:
-            _colour_fit(
-                fit[0, y],
-                fit[1, y],
-                fit[2, y],
-                fit[3, y],
-                window[0],
-                window[1],
-                window[2],
-                window[3],
-                mean[0, y],
-                mean[1, y],
-                mean[2, y],
-                inverse[0, y],
-                inverse[1, y],
-                inverse[2, y],
-                inverse[3, y],
-                inverse[4, y],
-                inverse[5, y],
-            )
+def _window_sums(sums, scratch, window, length):
+    """Replace each value by the sum of the `window` values from it on; `window` is odd.
+
+    Windows are put together from runs of 1, 4, 16 … values (the digits of the window's size to base 4), which
+    vectorises and, unlike a running sum along the row, does not drift. All arrays are longer than `length` by
+    a window or more.
+    """
+    run, spare = scratch
+    done, step = window % 4, 4
+    if step <= window:
+        _sum_four(run, sums, _ONE, length)
+    if done == 3:
+        # Vector loops need a source of their own.
+        _copy(spare, _NONE, sums, _NONE, length + 2)
+        _add_two(sums, spare, _ONE, _TWO, length)
+    while step <= window:
+        terms = window // step % 4
+        if terms >= 2:
+            _add_two(sums, run, np.uintp(done), np.uintp(done + step), length)
+        if terms % 2 == 1:
+            _add_one(sums, run, np.uintp(done + (terms - 1) * step), length)
+        done += terms * step
+        if 4 * step <= window:
+            _sum_four(spare, run, np.uintp(step), length)
+            run, spare = spare, run
+        step *= 4
 
 
 @nb.njit(nogil=True, cache=True)
-def apply_kernel(first_row, last_row, out, fit, guide, radius):
-    """Mean of the fits, applied to the guide, for rows [first_row, last_row)."""
-    channels, height, width = guide.shape
-    columns = np.zeros((channels + 1, width + 2 * radius), np.float32)
-    inner = columns[:, radius : radius + width]
-    run = np.empty(width + 2 * radius, np.float32)
-    window = np.empty(width, np.float32)
-    for y in range(first_row, last_row):
-        fresh = y % STRIP == 0 or y == first_row
-        if fresh:
-            columns[:] = 0
-        for row in range(max(y - radius, 0) if fresh else y + radius, min(y + radius + 1, height)):
-            for c in range(channels + 1):
-                _add(inner[c], fit[c, row])
-        if not fresh and y - radius - 1 >= 0:
-            for c in range(channels + 1):
-                _subtract(inner[c], fit[c, y - radius - 1])
-        rows = min(y + radius + 1, height) - max(y - radius, 0)
-        for c in range(channels + 1):
-            _window_means(window, columns[c], run, rows, radius)
-            if c == 0:
-                out[y] = window
+def _fit_grey(fit, new, sums, length, share, shares, stats, start, width):
+    """Linear fits of one row's windows: offset and slope, `length` apart."""
+    size, slope = np.uintp(width), new + np.uintp(length)
+    second, inverse = np.uintp(length), start + np.uintp(width)
+    for x in range(size):
+        part = shares[x] * share
+        p = sums[x] * part
+        a = stats[inverse + x] * (sums[second + x] * part - stats[start + x] * p)
+        fit[new + x] = p - a * stats[start + x]
+        fit[slope + x] = a
+
+
+@nb.njit(nogil=True, cache=True)
+def _fit_colour(fit, new, sums, length, share, shares, stats, start, width):
+    """Linear fits of one row's windows: offset and three slopes, `length` apart.
+
+    `share` and `shares` are one over a window's rows and columns; `stats` are the guide's three means
+    and the upper triangle of its inverse covariance.
+    """
+    size, step = np.uintp(width), np.uintp(length)
+    second, third = step + step, step + step + step
+    m1, m2 = start + size, start + size + size
+    i0 = m2 + size
+    i1, i2 = i0 + size, i0 + size + size
+    i3 = i2 + size
+    i4, i5 = i3 + size, i3 + size + size
+    for x in range(size):
+        part = shares[x] * share
+        p = sums[x] * part
+        r = sums[step + x] * part - stats[start + x] * p
+        g = sums[second + x] * part - stats[m1 + x] * p
+        b = sums[third + x] * part - stats[m2 + x] * p
+        a0 = stats[i0 + x] * r + stats[i1 + x] * g + stats[i2 + x] * b
+        a1 = stats[i1 + x] * r + stats[i3 + x] * g + stats[i4 + x] * b
+        a2 = stats[i2 + x] * r + stats[i4 + x] * g + stats[i5 + x] * b
+        fit[new + x] = p - a0 * stats[start + x] - a1 * stats[m1 + x] - a2 * stats[m2 + x]
+        fit[new + step + x] = a0
+        fit[new + second + x] = a1
+        fit[new + third + x] = a2
+
+
+@nb.njit(nogil=True, cache=True)
+def _apply_grey(out, sums, length, share, shares, guide, start, width):
+    step = np.uintp(length)
+    for x in range(np.uintp(width)):
+        out[x] = shares[x] * share * (sums[x] + sums[step + x] * guide[start + x])
+
+
+@nb.njit(nogil=True, cache=True)
+def _apply_colour(out, sums, length, share, shares, guide, start, width):
+    """Mean of the fits, applied to one row of the guide."""
+    size, step = np.uintp(width), np.uintp(length)
+    second, third, g, b = step + step, step + step + step, start + size, start + size + size
+    for x in range(size):
+        slopes = sums[step + x] * guide[start + x] + sums[second + x] * guide[g + x]
+        out[x] = shares[x] * share * (sums[x] + slopes + sums[third + x] * guide[b + x])
+
+
+@nb.njit(nogil=True, cache=True)
+def _bounded_quotient(out, numerator, denominator):
+    """Quotient within [−1, 1]; the filter overshoots, so small denominators are kept off zero."""
+    for x in range(out.size):
+        ratio = numerator[x] / max(denominator[x], np.float32(1e-3))
+        out[x] = min(max(ratio, np.float32(-1)), np.float32(1))
+
+
+@nb.njit(nogil=True, cache=True)
+def smooth_kernel(
+    first_row, last_row, out, numerator, denominator, divide, guide, stats, shares, shape, radius
+):
+    """Smooth rows [first_row, last_row) of an image, or of two and divide.
+
+    Arrays but `out` are flat. `guide` and `stats` hold the channels of a row side by side, row after row;
+    `shares` is one over the number of columns in each pixel's window, which the border cuts.
+    """
+    height, width, channels = shape
+    window, images = 2 * radius + 1, (numerator, denominator)
+    count = 2 if divide else 1
+    length = width + 2 * radius
+    row = (channels + 1) * length
+    kept = channels * (channels + 3) // 2
+    # Per image, and for products (0) and fits (1).
+    rings = np.zeros((2, 2, (window + 1) * row), np.float32)
+    begun = np.zeros((2, 2, row), np.float32)
+    sums = np.zeros(row + 2 * window, np.float32)
+    scratch = (np.zeros_like(sums), np.zeros_like(sums))
+    results = np.empty((2, width), np.float32)
+    for last in range(first_row - 2 * radius, last_row + 2 * radius):
+        middle, y = last - radius, last - 2 * radius
+        for i in range(count):
+            ring = rings[i, 0]
+            start = last % window * row
+            if 0 <= last < height:
+                at = np.uintp(last * width)
+                _copy(ring, np.uintp(start + radius), images[i], at, width)
+                for c in range(channels):
+                    factor = np.uintp((last * channels + c) * width)
+                    place = np.uintp(start + (c + 1) * length + radius)
+                    _multiply(ring, place, images[i], at, guide, factor, width)
             else:
-                _add_product(out[y], window, guide[c - 1, y])
-        _drop_residue(out[y])
+                ring[start : start + row] = 0
+            _column_sums(sums, ring, begun[i, 0], last, window, row)
 
+            ring = rings[i, 1]
+            start = middle % window * row
+            if max(first_row - radius, 0) <= middle < height:
+                _window_sums(sums, scratch, window, row)
+                share = np.float32(1.0 / (min(middle + radius + 1, height) - max(middle - radius, 0)))
+                place, at = np.uintp(start + radius), np.uintp(middle * kept * width)
+                if channels == 1:
+                    _fit_grey(ring, place, sums, length, share, shares, stats, at, width)
+                else:
+                    _fit_colour(ring, place, sums, length, share, shares, stats, at, width)
+            else:
+                ring[start : start + row] = 0
+            _column_sums(sums, ring, begun[i, 1], middle, window, row)
 
-@nb.njit(nogil=True, cache=True)
-def divide_kernel(first_row, last_row, out, denominator):
-    """Divide in place, bounded to [−1, 1]; the filter overshoots, so small denominators are kept off zero."""
-    for y in range(first_row, last_row):
-        for x in range(out.shape[1]):
-            ratio = out[y, x] / max(denominator[y, x], np.float32(1e-3))
-            out[y, x] = min(max(ratio, np.float32(-1)), np.float32(1))
+            if y >= first_row:
+                _window_sums(sums, scratch, window, row)
+                share = np.float32(1.0 / (min(y + radius + 1, height) - max(y - radius, 0)))
+                at = np.uintp(y * channels * width)
+                if channels == 1:
+                    _apply_grey(results[i], sums, length, share, shares, guide, at, width)
+                else:
+                    _apply_colour(results[i], sums, length, share, shares, guide, at, width)
+        if y >= first_row and divide:
+            _bounded_quotient(out[y], results[0], results[1])
+        elif y >= first_row:
+            out[y] = results[0]
