@@ -82,7 +82,7 @@ class Method:
     normalise: bool = True
     subplane: bool = True
     photo_weight: float = 2.0
-    slope_penalty: float = 0.12
+    slope_penalty: float = 0.18
     jump_penalty: float = 2.0
     edge_passes: int = 2
 

@@ -55,7 +55,7 @@ class JointRule:
     """
 
     photo_weight: float = 2.0
-    slope_penalty: float = 0.12
+    slope_penalty: float = 0.18
     jump_penalty: float = 2.0
     edge_sharpness: float = 20.0
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.errors import LightFieldError
+from lfdepth.autorange import find_range
 from lfdepth.lightfield import LightField
 from lfdepth.methods import Method
 from lfdepth.methods import method as named_method
@@ -61,6 +61,8 @@ class Result:
         Seconds for the estimate, reading and compiling excluded where they came before.
     method
         The method with all its parameters.
+    range_found
+        Whether the range was found from the views, for want of a given one.
     volumes
         The volumes, with `keep_volume=True`; else None.
     """
@@ -70,12 +72,13 @@ class Result:
     range: tuple[float, float]
     runtime: float
     method: Method
+    range_found: bool = False
     volumes: Volumes | None = None
 
 
 def estimate(
     lf: LightField,
-    method: str | Method = "fbsocc-sfa",
+    method: str | Method = "fbs-vis",
     *,
     range: tuple[float, float] | None = None,
     keep_volume: bool = False,
@@ -93,7 +96,8 @@ def estimate(
     method
         Name of a method (`lfdepth.methods.NAMES`) or a `Method`.
     range
-        (min, max) disparity in px per view step; None takes the light field's own.
+        (min, max) disparity in px per view step; None takes the light field's own, and where it has none
+        finds it (`lfdepth.autorange.find_range`).
     keep_volume
         Keep the volumes; memory grows by three times planes × H × W × 4 bytes.
     threads
@@ -117,11 +121,9 @@ def estimate(
     started = time.perf_counter()
     chosen = named_method(method, **options)
     searched = range if range is not None else lf.disparity_range
+    found = searched is None
     if searched is None:
-        raise LightFieldError(
-            f"range: {lf.name} carries none and none was given, expected MIN MAX in px per view step; "
-            "give --range MIN MAX (range=(min, max) in Python)"
-        )
+        searched = find_range(lf, threads=threads)
     searched = check_range(searched)
     planes = disparity_planes(searched, step=chosen.step, count=chosen.planes, force=force)
     size = lf.views.shape[2:4]
@@ -131,7 +133,7 @@ def estimate(
     disparity = np.clip(disparity, *searched).astype(np.float32)
     if volumes is not None:
         volumes.decided[:] = decided(disparity, planes)
-    return Result(disparity, confidence, searched, time.perf_counter() - started, chosen, volumes)
+    return Result(disparity, confidence, searched, time.perf_counter() - started, chosen, found, volumes)
 
 
 def _sweep(
