@@ -81,7 +81,7 @@ class Method:
     epsilon: float = 1e-4
     normalise: bool = True
     subplane: bool = True
-    photo_weight: float = 2.0
+    photo_weight: float = 1.0
     slope_penalty: float = 0.18
     jump_penalty: float = 2.0
     edge_passes: int = 2
@@ -162,6 +162,8 @@ def method(name: str | Method, **options: Any) -> Method:
             raise LightFieldError(f"method: found {name!r}, expected one of {', '.join(NAMES)}")
         name = _REGISTRY[name]
     preset = options.pop("preset", None)
+    if options.get("planes") is not None:
+        options.setdefault("step", None)  # the preset's step, too
     if preset is not None:
         if preset not in PRESETS:
             raise LightFieldError(f"preset: found {preset!r}, expected one of {', '.join(PRESETS)}")
@@ -170,6 +172,4 @@ def method(name: str | Method, **options: Any) -> Method:
     for option in options:
         if option not in known:
             raise LightFieldError(f"option: found {option!r}, expected one of {', '.join(sorted(known))}")
-    if options.get("planes") is not None:
-        options.setdefault("step", None)
     return replace(name, **options)

@@ -54,7 +54,7 @@ class JointRule:
         Both penalties fall as exp(−edge_sharpness · Σ_channels |ΔI|), I in [0, 1].
     """
 
-    photo_weight: float = 2.0
+    photo_weight: float = 1.0
     slope_penalty: float = 0.18
     jump_penalty: float = 2.0
     edge_sharpness: float = 20.0
