@@ -2,6 +2,7 @@
 
 import inspect
 import json
+import math
 import os
 import signal
 import subprocess
@@ -96,7 +97,9 @@ def test_estimate_finds_the_plane(scene: Path, run: Run, ending: str) -> None:
     assert (status, err) == (0, "")
     assert read_disparity(f"map{ending}")[10:-10, 10:-10] == pytest.approx(DISPARITY, abs=0.05)
     assert "scene, 5×5 views of 48×48 px, colour" in out
-    assert "-0.5 to 1.5 px per view step, 41 planes" in out
+    step = lfdepth.method(DEFAULT_METHOD).step
+    assert step is not None
+    assert f"-0.5 to 1.5 px per view step, {math.ceil(2 / step) + 1} planes" in out
     assert f"map{ending}, preview.png" in out
     sidecar = ["map.json"] if ending == ".png" else []
     assert left_behind() == sorted([f"map{ending}", "preview.png", *sidecar])
@@ -142,8 +145,34 @@ def test_preset_is_the_papers(scene: Path, run: Run) -> None:
     assert (method["step"], method["skip"]) == (0.02, 7)  # section IV of the paper
 
 
-def test_reading_options_reach_the_reader(scene: Path, run: Run) -> None:
+def test_planes_replace_the_presets_step_too(scene: Path, run: Run) -> None:
+    words = "estimate scene -o map.pfm --method fbsocc-sfa --preset paper-synthetic --planes 21 --json"
+    facts = json.loads(run(*words.split())[1])
+    assert (facts["planes"], facts["method"]["step"], facts["method"]["skip"]) == (21, None, 7)
+
+
+def test_estimate_finds_the_range_that_nothing_tells(scene: Path, run: Run) -> None:
+    without_parameters(scene)
+    _, out, _ = run("estimate", "scene", "-o", "map.pfm", "--json")
+    facts = json.loads(out)
+    assert facts["range_found"]
+    assert facts["range"] == pytest.approx([DISPARITY] * 2, abs=0.3)  # what the automatic range promises
+    assert read_disparity("map.pfm")[10:-10, 10:-10] == pytest.approx(DISPARITY, abs=0.05)
+    _, text, _ = run("estimate", "scene", "-o", "map.pfm")
+    assert "px per view step (found in the views)" in text
+    for words in (["--range", "-0.5", "1.5"], []):
+        if not words:
+            (scene / "parameters.cfg").write_text(CONFIG)
+        facts = json.loads(run("estimate", "scene", "-o", "map.pfm", *words, "--json")[1])
+        assert (facts["range_found"], facts["range"]) == (False, [-0.5, 1.5])
+
+
+def without_parameters(scene: Path) -> None:
     (scene / "parameters.cfg").unlink()
+
+
+def test_reading_options_reach_the_reader(scene: Path, run: Run) -> None:
+    without_parameters(scene)
     options = (
         "--views 3x5 --crop 4 8 40 36 --scale 0.5 --baseline-mm 25 --focal-mm 100 --sensor-mm 35 --focus-m 4"
     )
@@ -163,7 +192,7 @@ def test_depth_is_that_of_the_plane(scene: Path, run: Run) -> None:
 
 
 def test_metres_need_a_camera(scene: Path, run: Run) -> None:
-    (scene / "parameters.cfg").unlink()
+    without_parameters(scene)
     for words in (["-o", "map.pfm", "--quantity", "depth"], ["-o", "map.ply"]):
         outcome = run("estimate", "scene", "--range", "-0.5", "1.5", *words)
         assert_refused(outcome, [words[1], "camera is unknown", "--baseline-mm", "--focus-m"])
@@ -175,6 +204,78 @@ def test_convert_keeps_the_map(scene: Path, run: Run) -> None:
     write("map.pfm", values)
     assert run("convert", "map.pfm", "map.npy") == (0, "", "")
     np.testing.assert_array_equal(np.load("map.npy"), values)
+
+
+def picture(path: str) -> npt.NDArray[np.float64]:
+    return np.asarray(Image.open(path), float)
+
+
+def test_refocus_on_the_plane_is_the_reference_view(scene: Path, run: Run) -> None:
+    inside = np.s_[6:-6, 6:-6]
+    reference = picture("scene/input_Cam012.png")
+    status, out, err = run("refocus", "scene", "--disparity", "1", "-o", "on.png", "--json")
+    assert (status, err, json.loads(out)["written"]) == (0, "", ["on.png"])
+    np.testing.assert_array_equal(picture("on.png")[inside], reference[inside])
+    assert run("refocus", "scene", "--disparity", "0", "-o", "off.png")[0] == 0
+    assert picture("off.png")[inside].std() < 0.7 * reference[inside].std()
+    write("map.pfm", np.full((SIZE, SIZE), DISPARITY, np.float32))
+    _, text, _ = run("refocus", "scene", "--all-in-focus", "map.pfm", "-o", "all.png")
+    assert "focus    everywhere" in text
+    np.testing.assert_array_equal(picture("all.png")[inside], reference[inside])
+
+
+def test_refocus_sees_behind_the_foreground(
+    tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    near_square(tmp_path / "scene")
+    near = np.full((SIZE, SIZE), -1, np.float32)
+    near[20:24, 20:24] = 1
+    write("map.pfm", near)
+    words = ["refocus", "scene", "--disparity", "-1", "-o", "through.png"]
+    assert run(*words, "--without-foreground", "0", "--map", "map.pfm")[0] == 0
+    assert (picture("through.png")[8:-8, 8:-8] == 200).all()
+    assert run(*words)[0] == 0
+    assert picture("through.png")[22, 22].max() < 200
+
+
+def near_square(folder: Path) -> None:
+    """Folder of a grey wall at −1 behind a black square of 4×4 px at 1."""
+    folder.mkdir()
+    for v in range(GRID):
+        for u in range(GRID):
+            view = np.full((SIZE, SIZE, 3), 200, np.uint8)
+            y, x = 20 - (v - GRID // 2), 20 - (u - GRID // 2)
+            view[y : y + 4, x : x + 4] = 0
+            Image.fromarray(view).save(folder / f"view_v{v:02d}_u{u:02d}.png")
+
+
+def test_masks_are_where_the_views_show_the_foreground(
+    tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    near_square(tmp_path / "scene")
+    near = np.full((SIZE, SIZE), -1, np.float32)
+    near[20:24, 20:24] = 1
+    write("map.pfm", near)
+    words = ["mask", "scene", "--foreground-of", "0", "--map", "map.pfm", "--json"]
+    status, out, err = run(*words, "-o", "masks")
+    facts = json.loads(out)
+    assert (status, err, facts["masks"], facts["written"]) == (0, "", GRID * GRID, ["masks"])
+    assert facts["foreground_share"] == pytest.approx(16 / SIZE**2)
+    for mask in Path("masks").iterdir():
+        black = picture(f"scene/{mask.name.replace('mask', 'view')}").max(axis=2) == 0
+        np.testing.assert_array_equal(picture(str(mask)) == 255, black)
+    assert run(*words, "-o", "masks", "--at", "1")[0] == 0  # earlier masks give way
+    for mask in Path("masks").iterdir():
+        np.testing.assert_array_equal(picture(str(mask)) == 255, near > 0)
+
+
+def test_mask_estimates_the_map_that_is_not_given(scene: Path, run: Run) -> None:
+    _, out, err = run("mask", "scene", "--foreground-of", "0.5", "-o", "masks")
+    assert err == ""
+    assert "25, nearer than 0.5 px per view step" in out
+    assert picture("masks/mask_v02_u02.png")[10:-10, 10:-10].min() == 255
 
 
 def test_default_method_is_the_librarys() -> None:
@@ -190,6 +291,15 @@ def test_evaluate_scores_a_known_error(scene: Path, run: Run) -> None:
     assert scores["mse_x100"] == pytest.approx(0.25, rel=1e-4)
     assert scores["q25"] == pytest.approx(5, rel=1e-4)
     assert left_behind() == ["error.png", "map.pfm"]
+
+
+def test_evaluate_scores_the_confidence_that_is_stored(scene: Path, run: Run) -> None:
+    error = np.linspace(0, 0.2, SIZE * SIZE, dtype=np.float32).reshape(SIZE, SIZE)
+    np.savez("map.npz", disparity=DISPARITY + error, confidence=1 - error)
+    scores = json.loads(run("evaluate", "map.npz", "scene", "--json")[1])["scores"]
+    assert scores["ause_absolute"] == pytest.approx(0, abs=1e-6)  # it orders pixels as their errors do
+    np.savez("map.npz", disparity=DISPARITY + error)
+    assert "ause_absolute" not in json.loads(run("evaluate", "map.npz", "scene", "--json")[1])["scores"]
 
 
 def test_evaluate_prints_the_figures(scene: Path, run: Run) -> None:
@@ -225,15 +335,50 @@ def test_info_describes_the_scene(scene: Path, run: Run) -> None:
 
 
 def test_info_without_camera_range_and_truth(scene: Path, run: Run) -> None:
-    (scene / "parameters.cfg").unlink()
+    without_parameters(scene)
     (scene / "gt_disp_lowres.pfm").unlink()
-    status, text, _ = run("info", "scene")
+    status, text, _ = run("info", "scene", "--no-check")
     assert status == 0
     assert text.count("unknown") == 3
+    assert "order   not checked" in text
+
+
+def test_info_finds_the_range_of_a_scene_that_has_none(scene: Path, run: Run) -> None:
+    without_parameters(scene)
+    facts = json.loads(run("info", "scene", "--json")[1])
+    assert facts["range_found"]
+    assert facts["disparity_range"] == pytest.approx([DISPARITY] * 2, abs=0.3)
+    assert "px per view step (found in the views)" in run("info", "scene")[1]
+
+
+def test_info_names_the_option_that_mends_the_order(scene: Path, run: Run) -> None:
+    for v in range(GRID):
+        for u in range(GRID // 2):
+            left, right = (scene / f"input_Cam{v * GRID + each:03d}.png" for each in (u, GRID - 1 - u))
+            one, other = left.read_bytes(), right.read_bytes()
+            left.write_bytes(other)
+            right.write_bytes(one)
+    without_parameters(scene)
+    facts = json.loads(run("info", "scene", "--json")[1])
+    assert facts["order"]["wrong"]
+    assert facts["disparity_range"] is None
+    _, text, _ = run("info", "scene")
+    assert "use --flip-" in text
+    assert "range   unknown: the views have to be in order first" in text
+    mended = json.loads(run("info", "scene", "--flip-u", "--json")[1])
+    assert not mended["order"]["wrong"]
+    assert mended["disparity_range"] == pytest.approx([DISPARITY] * 2, abs=0.3)
 
 
 @pytest.mark.parametrize(
-    "command", [[], ["estimate"], ["evaluate"], ["methods"], ["info"], ["convert"], ["demo"]]
+    "command",
+    [
+        [],
+        *(
+            [name]
+            for name in ("estimate", "evaluate", "methods", "info", "convert", "refocus", "mask", "demo")
+        ),
+    ],
 )
 def test_help_pages(run: Run, command: list[str]) -> None:
     status, out, err = run(*command, "--help")
@@ -246,7 +391,7 @@ def test_help_states_units_and_defaults(run: Run, monkeypatch: pytest.MonkeyPatc
     _, out, _ = run("estimate", "--help")
     assert "px per view step" in out
     step = lfdepth.method(DEFAULT_METHOD).step
-    assert f"[default: {step:g}]" in next(
+    assert f"[default: {step:g} for {DEFAULT_METHOD}]" in next(
         line for line in out.splitlines() if "--step" in line and "│" in line
     )
 
@@ -385,6 +530,19 @@ BAD_COMMANDS: dict[str, list[str]] = {
     "estimate scene -o none/map.pfm": ["none/map.pfm", "folder none does not exist", "create it"],
     "estimate scene -o scene/parameters.cfg/map.pfm": ["folder scene/parameters.cfg does not exist"],
     "estimate scene -o map.png --preview map.png": ["map.png", "two different files", "rename"],
+    "refocus scene -o out.png": ["--disparity D", "--all-in-focus MAP", "give one"],
+    "refocus scene --disparity 1 --all-in-focus map.pfm -o out.png": ["either", "give one"],
+    "refocus scene --all-in-focus map.pfm --without-foreground 1 -o out.png": ["leave one out"],
+    "refocus scene --all-in-focus map.pfm -o out.png": ["map.pfm", "no such file"],
+    "refocus scene --disparity 1 --map map.pfm -o out.png": ["--map", "--without-foreground"],
+    "refocus scene --disparity nan -o out.png": ["disparity", "nan", "finite"],
+    "refocus scene --disparity 1 -o out.jpg": ["out.jpg", ".png", "rename"],
+    "refocus scene --disparity 1 -o none/out.png": ["folder none does not exist"],
+    "refocus scene --disparity 1 --without-foreground 0 -o out.png": ["without_foreground", "raise it"],
+    "mask scene -o out": ["--foreground-of", "see lfdepth mask --help"],
+    "mask scene --foreground-of 0 -o scene": ["scene", "holds something else", "choose another"],
+    "mask scene --foreground-of 0 -o scene/parameters.cfg": ["is a file", "choose another"],
+    "mask scene --foreground-of 0 --map map.pfm -o out": ["map.pfm", "no such file"],
     "evaluate map.pfm scene": ["map.pfm", "no such file", "check the path"],
     "evaluate scene/input_Cam000.png scene": ["scene/input_Cam000.png", "16-bit grey", "preview"],
     "evaluate scene/parameters.cfg scene": ["scene/parameters.cfg", "unknown ending .cfg", ".pfm"],
@@ -410,10 +568,41 @@ def test_bad_command(scene: Path, run: Run, command: str) -> None:
     assert left_behind() == []
 
 
-def test_range_is_asked_for_where_nothing_tells_it(scene: Path, run: Run) -> None:
-    (scene / "parameters.cfg").unlink()
-    assert_refused(run("estimate", "scene", "-o", "map.pfm"), ["range", "scene", "--range MIN MAX"])
+def test_range_is_asked_for_where_views_do_not_tell_it(scene: Path, run: Run) -> None:
+    without_parameters(scene)
+    for index in range(GRID * GRID):
+        save_view(scene, index, np.full((SIZE, SIZE, 3), 128, np.uint8))
+    assert_refused(run("estimate", "scene", "-o", "map.pfm"), ["scene", "texture", "--range MIN MAX"])
     assert run("estimate", "scene", "-o", "map.pfm", "--range", "-0.5", "1.5")[0] == 0
+    status, text, _ = run("info", "scene")
+    assert status == 0
+    assert "range   unknown: scene: views agree on no disparity" in text
+
+
+def test_missing_library_is_named_before_the_work(
+    scene: Path, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lfdepth, "read", None, raising=False)  # would be called next
+    for ending, package in (
+        (".ply", "plyfile"),
+        (".tif", "tifffile"),
+        (".exr", "OpenEXR"),
+        (".zarr", "zarr"),
+    ):
+        monkeypatch.setitem(sys.modules, package, None)
+        outcome = run("estimate", "scene", "-o", f"map{ending}")
+        assert_refused(outcome, [f"map{ending}", package, "not installed", f"lfdepth[{ending[1:4]}"])
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs named pipes")
+def test_pipes_and_devices_are_not_replaced(scene: Path, run: Run) -> None:
+    os.mkfifo("pipe")
+    Path("map.pfm").symlink_to("pipe")
+    Path("null.pfm").symlink_to(os.devnull)
+    for name in ("map.pfm", "null.pfm"):
+        assert_refused(run("estimate", "scene", "-o", name), [name, "device or a pipe", "choose another"])
+    assert Path("pipe").is_fifo()
+    assert not Path(os.devnull).is_file()
 
 
 def test_force_allows_many_planes(scene: Path, run: Run) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from cyclopts import Parameter
 
 from lfdepth import methods
 from lfdepth.cli.app import app
@@ -21,12 +23,27 @@ from lfdepth.cli.options import (
     check_picture,
     given,
 )
-from lfdepth.cli.printing import estimate_facts, estimate_text, methods_text, report, scene_facts, scene_text
+from lfdepth.cli.printing import (
+    estimate_facts,
+    estimate_text,
+    mask_facts,
+    mask_text,
+    methods_text,
+    refocus_facts,
+    refocus_text,
+    report,
+    scene_facts,
+    scene_text,
+)
 from lfdepth.demo import SIZE, run_demo
 from lfdepth.errors import LightFieldError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from lfdepth.lightfield import LightField
+    from lfdepth.orientation import Orientation
 
 DEMO_FOLDER = Path("lfdepth-demo")
 
@@ -57,7 +74,7 @@ def estimate(
 
         lfdepth estimate cotton -o cotton.pfm --preview cotton.png
         lfdepth estimate cotton -o cotton.npz --range -1.6 1.5 --step 0.02
-        lfdepth estimate cotton -o cotton.npy --preset paper-synthetic
+        lfdepth estimate cotton -o cotton.npy --method fbsocc-sfa --preset paper-synthetic
 
     Parameters
     ----------
@@ -71,7 +88,8 @@ def estimate(
     preset
         Parameters of the paper's experiments: paper-synthetic (step 0.02, J 7), paper-real (step 0.05, J 5).
     range
-        Smallest and largest disparity, px per view step; the scene's own by default.
+        Smallest and largest disparity, px per view step; by default the scene's own, or if it has none the
+        one that is found in its views.
     preview
         Also write a colour-mapped picture of the disparity with a scale bar, .png.
     quantity
@@ -124,7 +142,8 @@ def evaluate(
     Parameters
     ----------
     result
-        Disparity map of the reference view: .pfm, .npy, .npz, .tif, .exr, .zarr, or .png with its .json.
+        Disparity map of the reference view: .pfm, .npy, .npz, .tif, .exr, .zarr, or .png with its .json. The
+        confidence that a .npz holds is scored as well.
     scene
         Light field with truth, such as a benchmark folder with gt_disp_lowres.pfm.
     error_map
@@ -132,14 +151,14 @@ def evaluate(
     """
     import lfdepth
     from lfdepth.evaluation import read_high_resolution
-    from lfdepth.io import read_disparity
+    from lfdepth.io import read_confidence, read_disparity
 
     if error_map is not None:
         check_picture(error_map, apart_from=result)
     disparity = read_disparity(result)
     lf = reading.read(scene)
     high = read_high_resolution(scene) if scene.is_dir() and reading.keeps_size else None
-    scores = lfdepth.evaluate(disparity, lf, high=high)
+    scores = lfdepth.evaluate(disparity, lf, confidence=read_confidence(result), high=high)
     if error_map is not None:
         from lfdepth.pictures import error_map as write_error_map
 
@@ -156,15 +175,25 @@ def list_methods(*, as_json: Json = False) -> None:
 
 
 @app.command(sort_key=4)
-def info(scene: Path, /, *, as_json: Json = False, reading: ReadingParameters = AS_IT_IS) -> None:
-    """Describe a light field: views, disparity range, camera, truth.
+def info(
+    scene: Path, /, *, check: bool = True, as_json: Json = False, reading: ReadingParameters = AS_IT_IS
+) -> None:
+    """Describe a light field: views, their order, disparity range, camera, truth.
+
+    Tells from the pixels whether the views are in order, and which options mend it if they are not. Where no
+    disparity range is given with the scene, it is found in the views.
 
     Parameters
     ----------
     scene
         Light field: a folder of views such as those of the 4D Light Field Benchmark, or a file.
+    check
+        Look at the pixels, which takes a second or two.
     """
-    report(scene_facts(reading.read(scene)), as_json, scene_text)
+    lf = reading.read(scene)
+    orientation = reading.check_order(lf) if check else None
+    found, problem = _search_range(lf, orientation)
+    report(scene_facts(lf, orientation, found, problem), as_json, scene_text)
 
 
 @app.command(sort_key=5)
@@ -206,7 +235,127 @@ def convert(
     lfdepth.write(target, read_disparity(source), scene=lf, quantity=quantity, mesh=mesh)
 
 
+MapFile = Annotated[Path | None, Parameter(name="--map")]
+
+
 @app.command(sort_key=6)
+def refocus(
+    scene: Path,
+    /,
+    *,
+    output: Output,
+    disparity: float | None = None,
+    all_in_focus: Path | None = None,
+    without_foreground: float | None = None,
+    map_file: MapFile = None,
+    range: Range = None,
+    threads: int | None = None,
+    as_json: Json = False,
+    reading: ReadingParameters = AS_IT_IS,
+) -> None:
+    """Focus on a plane after the fact, see past an occluder, or make a picture in focus everywhere.
+
+    For example:
+
+        lfdepth refocus cotton --disparity -0.8 -o far.png
+        lfdepth refocus cotton --all-in-focus cotton.pfm -o sharp.png
+        lfdepth refocus fence --disparity -1 --without-foreground 0.5 --map fence.pfm -o through.png
+
+    Parameters
+    ----------
+    scene
+        Light field: a folder of views such as those of the 4D Light Field Benchmark, or a file.
+    output
+        Picture to write, .png.
+    disparity
+        Plane to focus on, px per view step.
+    all_in_focus
+        Disparity map of the reference view; focuses every pixel at its own disparity.
+    without_foreground
+        Leave out what is nearer than this, px per view step: of the views, those count in which it does not
+        cover the pixel.
+    map_file
+        Disparity map that tells where the foreground is; estimated by default.
+    range
+        Smallest and largest disparity of a map that is estimated.
+    threads
+        Number of threads; every processor by default.
+    """
+    if (disparity is None) == (all_in_focus is None):
+        raise LightFieldError(
+            "refocus: expected either --disparity D or --all-in-focus MAP; give one of them"
+        )
+    if all_in_focus is not None and without_foreground is not None:
+        raise LightFieldError(
+            "--without-foreground: found with --all-in-focus, expected with --disparity D; leave one out"
+        )
+    if map_file is not None and without_foreground is None:
+        raise LightFieldError("--map: expected with --without-foreground D; give both, or leave it out")
+    from lfdepth import refocus as focusing
+
+    check_picture(output, apart_from=all_in_focus or map_file)
+    lf = reading.read(scene)
+    if disparity is None:
+        picture = focusing.all_in_focus(lf, _map_of(lf, all_in_focus, range, threads), threads=threads)
+    else:
+        near = None if without_foreground is None else _map_of(lf, map_file, range, threads)
+        picture = focusing.refocus(
+            lf, disparity, without_foreground=without_foreground, disparity_map=near, threads=threads
+        )
+    focusing.write_picture(output, picture)
+    report(refocus_facts(lf, disparity, without_foreground, output), as_json, refocus_text)
+
+
+@app.command(sort_key=7)
+def mask(
+    scene: Path,
+    /,
+    *,
+    output: Output,
+    foreground_of: float,
+    at: float | None = None,
+    map_file: MapFile = None,
+    range: Range = None,
+    threads: int | None = None,
+    as_json: Json = False,
+    reading: ReadingParameters = AS_IT_IS,
+) -> None:
+    """Write the 4-D foreground mask: for every view, where it shows something nearer than a disparity.
+
+    For example:
+
+        lfdepth mask cotton --foreground-of 0.5 -o mask
+        lfdepth mask cotton --foreground-of 0.5 --map cotton.pfm -o mask
+
+    Parameters
+    ----------
+    scene
+        Light field: a folder of views such as those of the 4D Light Field Benchmark, or a file.
+    output
+        Folder for mask_v00_u00.png and so on, white = foreground; new, empty, or of earlier masks.
+    foreground_of
+        What is nearer than this is foreground, px per view step.
+    at
+        Plane on which the views are in register in the masks, px per view step; by default each mask fits its
+        view as it is.
+    map_file
+        Disparity map of the reference view; estimated by default.
+    range
+        Smallest and largest disparity of a map that is estimated.
+    threads
+        Number of threads; every processor by default.
+    """
+    from lfdepth.io.atomic import check_target
+    from lfdepth.refocus import foreground_masks, holds_masks, write_masks
+
+    check_target(output, replaceable=holds_masks)
+    lf = reading.read(scene)
+    masks = foreground_masks(lf, _map_of(lf, map_file, range, threads), foreground_of, at=at)
+    write_masks(output, masks, lf)
+    report(mask_facts(lf, masks, foreground_of, output), as_json, mask_text)
+
+
+@app.command(sort_key=8)
 def demo(*, output: Output = DEMO_FOLDER, size: int = SIZE, as_json: Json = False) -> None:
     """Make a light field with exact truth, estimate it with every method, and compare. Needs no data.
 
@@ -224,6 +373,36 @@ def demo(*, output: Output = DEMO_FOLDER, size: int = SIZE, as_json: Json = Fals
     with Progress() as progress:
         shown = run_demo(output, size=size, announce=progress.announce, progress=progress)
     report(shown.as_dict(), as_json, lambda _: f"{shown.table()}\n\nwritten  {shown.picture}")
+
+
+def _map_of(
+    lf: LightField, path: Path | None, range: tuple[float, float] | None, threads: int | None
+) -> NDArray[np.float32]:
+    """The disparity map in a file, or the one that the default method estimates."""
+    import lfdepth
+    from lfdepth.cli.progress import Progress
+    from lfdepth.io import read_disparity
+
+    if path is not None:
+        return read_disparity(path)
+    with Progress() as progress:
+        return lfdepth.estimate(lf, range=range, threads=threads, progress=progress).disparity
+
+
+def _search_range(
+    lf: LightField, orientation: Orientation | None
+) -> tuple[tuple[float, float] | None, str | None]:
+    """The range that a scene without one has, by its views, or else why there is none to find."""
+    from lfdepth.autorange import find_range
+
+    if orientation is None or lf.disparity_range is not None:
+        return None, None
+    if orientation.wrong:
+        return None, "the views have to be in order first"
+    try:
+        return find_range(lf), None
+    except LightFieldError as error:
+        return None, str(error)
 
 
 def _check_output(output: Path, lf: LightField, quantity: Quantity, mesh: bool) -> None:

@@ -15,8 +15,9 @@ from lfdepth.errors import LightFieldError
 
 if TYPE_CHECKING:
     from lfdepth.lightfield import LightField
+    from lfdepth.orientation import Orientation
 
-DEFAULT_METHOD = "fbsocc-sfa"
+DEFAULT_METHOD = "fbs-vis"
 
 Flag = Annotated[bool, Parameter(negative=(), show_default=False)]
 Json = Annotated[
@@ -59,14 +60,13 @@ def _method_options() -> Any:
 
 
 def _default_of(parameter: str) -> Any:
-    """What the help calls the default: a value if all methods share it."""
-    values = {getattr(methods.method(name), parameter) for name in methods.NAMES}
-    if len(values) > 1:
-        return lambda _: "the method's"
-    value = values.pop()
+    """What the help calls the default: that of the default method, and whether others differ."""
+    value = getattr(methods.method(DEFAULT_METHOD), parameter)
     if value is None:
         return False
-    return lambda _: f"{value:g}" if isinstance(value, float) else str(value)
+    shown = f"{value:g}" if isinstance(value, float) else str(value)
+    shared = all(getattr(methods.method(name), parameter) == value for name in methods.NAMES)
+    return lambda _: shown if shared else f"{shown} for {DEFAULT_METHOD}"
 
 
 if TYPE_CHECKING:
@@ -160,6 +160,12 @@ class Reading:
             options[long] = options.pop(short)
         return lfdepth.read(scene, **options)
 
+    def check_order(self, lf: LightField) -> Orientation:
+        """Test on the pixels whether the views that were read so are in order."""
+        from lfdepth.orientation import Reordering, check_orientation
+
+        return check_orientation(lf, applied=Reordering(self.transpose, self.flip_v, self.flip_u))
+
     @property
     def keeps_size(self) -> bool:
         """Whether views keep the size that they have in the files."""
@@ -179,12 +185,12 @@ AS_IT_IS = Reading()
 # --- checks before long work
 
 
-def check_picture(path: Path, *, apart_from: Path) -> None:
-    """Raise LightFieldError unless a picture can be written at `path`, which is another file's."""
+def check_picture(path: Path, *, apart_from: Path | None = None) -> None:
+    """Raise LightFieldError unless a picture can be written at `path`, and a map is another file."""
     from lfdepth.io.atomic import check_target
 
     if path.suffix.lower() != ".png":
         raise LightFieldError(f"{path}: pictures are PNG files; expected a name ending in .png; rename it")
-    if path.resolve() == apart_from.resolve():
+    if apart_from is not None and path.resolve() == apart_from.resolve():
         raise LightFieldError(f"{path}: is the map as well; expected two different files; rename one")
     check_target(path)

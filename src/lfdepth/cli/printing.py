@@ -9,11 +9,19 @@ from math import isfinite
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    import numpy as np
+    from numpy.typing import NDArray
+
     from lfdepth.cli.progress import Progress
     from lfdepth.lightfield import LightField
+    from lfdepth.orientation import Orientation
     from lfdepth.sweep.run import Result
 
 Facts = dict[str, Any]
+
+_FOUND = "found in the views"
 
 
 def report(facts: Facts, as_json: bool, text: Callable[[Facts], str]) -> None:
@@ -35,14 +43,19 @@ def _finite(facts: Any) -> Any:
 
 def estimate_facts(lf: LightField, result: Result, progress: Progress, written: Sequence[str]) -> Facts:
     """What an estimate did."""
+    from lfdepth.sweep.planes import disparity_planes
+
+    method = result.method
+    planes = len(disparity_planes(result.range, step=method.step, count=method.planes, force=True))
     return {
         "scene": lf.name,
         "shape": list(lf.shape),
-        "method": asdict(result.method),
+        "method": asdict(method),
         "range": list(result.range),
-        "planes": progress.planes,
+        "range_found": result.range_found,
+        "planes": planes,
         "runtime_s": result.runtime,
-        "ms_per_plane": 1000 * result.runtime / progress.planes,
+        "ms_per_plane": 1000 * result.runtime / planes,
         "compiled": progress.compiled,
         "written": list(written),
     }
@@ -50,12 +63,13 @@ def estimate_facts(lf: LightField, result: Result, progress: Progress, written: 
 
 def estimate_text(facts: Facts) -> str:
     """What an estimate did, in words."""
+    found = f" ({_FOUND})" if facts["range_found"] else ""
     compilation = " (with compilation, first run only)" if facts["compiled"] else ""
     return _aligned(
         {
             "scene": f"{facts['scene']}, {_shape_text(facts['shape'])}",
             "method": facts["method"]["name"],
-            "range": f"{_range_text(facts['range'])}, {facts['planes']} planes",
+            "range": f"{_range_text(facts['range'])}{found}, {facts['planes']} planes",
             "time": f"{facts['runtime_s']:.2f} s, {facts['ms_per_plane']:.1f} ms per plane{compilation}",
             "written": ", ".join(facts["written"]),
         }
@@ -88,16 +102,24 @@ def _parameters_text(parameters: Mapping[str, Any]) -> str:
 # --- info
 
 
-def scene_facts(lf: LightField) -> Facts:
-    """What is known of a light field."""
-    ends = lf.disparity_range
+def scene_facts(
+    lf: LightField,
+    orientation: Orientation | None,
+    found: tuple[float, float] | None,
+    problem: str | None,
+) -> Facts:
+    """What is known of a light field, with the range that was `found` for it, or the `problem` with that."""
+    ends = lf.disparity_range or found
     grid = lf.shape[0] * lf.shape[1]
     return {
         "name": lf.name,
         "shape": list(lf.shape),
         "dtype": lf.views.dtype.name,
         "absent_views": 0 if lf.present is None else grid - int(lf.present.sum()),
+        "order": _order_facts(orientation) if orientation else None,
         "disparity_range": ends,
+        "range_found": found is not None,
+        "range_problem": problem,
         "depth_range_m": lf.camera.disparity_to_depth(ends)[::-1].tolist() if lf.camera and ends else None,
         "camera": asdict(lf.camera) if lf.camera else None,
         "truth_range": None if lf.truth is None else [float(lf.truth.min()), float(lf.truth.max())],
@@ -107,15 +129,14 @@ def scene_facts(lf: LightField) -> Facts:
 
 def scene_text(facts: Facts) -> str:
     """What is known of a light field, in words."""
-    ends, depth, camera, truth = (
-        facts[key] for key in ("disparity_range", "depth_range_m", "camera", "truth_range")
-    )
+    depth, camera, truth = (facts[key] for key in ("depth_range_m", "camera", "truth_range"))
     absent = f", {facts['absent_views']} absent" if facts["absent_views"] else ""
     return _aligned(
         {
             "scene": facts["name"],
             "views": f"{_shape_text(facts['shape'])}, {facts['dtype']}{absent}",
-            "range": _range_text(ends) if ends else "unknown",
+            "order": facts["order"]["message"] if facts["order"] else "not checked",
+            "range": _scene_range_text(facts),
             "depth": f"{depth[0]:.3g} to {depth[1]:.3g} m" if depth else "unknown",
             "camera": _camera_text(camera) if camera else "unknown",
             "truth": _range_text(truth) if truth else "none",
@@ -124,10 +145,75 @@ def scene_text(facts: Facts) -> str:
     )
 
 
+def _order_facts(orientation: Orientation) -> Facts:
+    options = orientation.reordering.options if orientation.order_decided else None
+    return {
+        "decided": orientation.decided,
+        "wrong": orientation.wrong,
+        "options": options,
+        "message": orientation.message,
+    }
+
+
+def _scene_range_text(facts: Facts) -> str:
+    if facts["disparity_range"] is None:
+        return f"unknown: {facts['range_problem']}" if facts["range_problem"] else "unknown"
+    found = f" ({_FOUND})" if facts["range_found"] else ""
+    return f"{_range_text(facts['disparity_range'])}{found}"
+
+
 def _camera_text(camera: Mapping[str, Any]) -> str:
     return (
         f"focal length {camera['focal_length_mm']:g} mm, sensor {camera['sensor_size_mm']:g} mm, "
         f"baseline {camera['baseline_mm']:g} mm, focus at {camera['focus_distance_m']:g} m"
+    )
+
+
+# --- refocus, mask
+
+
+def refocus_facts(
+    lf: LightField, disparity: float | None, without_foreground: float | None, output: Path
+) -> Facts:
+    """What was focused on."""
+    return {
+        "scene": lf.name,
+        "disparity": disparity,
+        "all_in_focus": disparity is None,
+        "without_foreground": without_foreground,
+        "written": [str(output)],
+    }
+
+
+def refocus_text(facts: Facts) -> str:
+    """What was focused on, in words."""
+    left_out, plane = facts["without_foreground"], facts["disparity"]
+    without = "" if left_out is None else f", without what is nearer than {left_out:g}"
+    focus = "everywhere" if facts["all_in_focus"] else f"{plane:g} px per view step{without}"
+    return _aligned({"scene": facts["scene"], "focus": focus, "written": ", ".join(facts["written"])})
+
+
+def mask_facts(lf: LightField, masks: NDArray[np.bool_], disparity: float, output: Path) -> Facts:
+    """What a 4-D mask holds."""
+    there = masks if lf.present is None else masks[lf.present]
+    return {
+        "scene": lf.name,
+        "foreground_of": disparity,
+        "masks": there.size // (lf.height * lf.width),
+        "foreground_share": float(there.mean()),
+        "written": [str(output)],
+    }
+
+
+def mask_text(facts: Facts) -> str:
+    """What a 4-D mask holds, in words."""
+    return _aligned(
+        {
+            "scene": facts["scene"],
+            "masks": f"{facts['masks']}, nearer than {facts['foreground_of']:g} px per view step",
+            "share": f"{facts['foreground_share']:.1%} of the pixels are foreground",
+            "written": ", ".join(facts["written"]),
+        }
     )
 
 

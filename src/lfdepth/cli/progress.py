@@ -13,14 +13,11 @@ class Progress:
 
     Attributes
     ----------
-    planes : int
-        Planes of the last sweep.
     compiled : bool
         Whether kernels had to be compiled.
     """
 
     def __init__(self) -> None:
-        self.planes = 0
         self.compiled = False
         self._bar: Any = None
         self._listening = ExitStack()
@@ -38,7 +35,6 @@ class Progress:
         from tqdm import tqdm
 
         if self._bar is None:
-            self.planes = total
             self._bar = tqdm(total=total, unit="plane", leave=False, disable=None)
         self._bar.update()
         if done == total:

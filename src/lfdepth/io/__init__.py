@@ -13,9 +13,10 @@ from lfdepth.camera import Camera, CameraOptions
 from lfdepth.errors import LightFieldError
 from lfdepth.io.atomic import check_target
 from lfdepth.io.exr import read_exr, write_exr
+from lfdepth.io.extras import need
 from lfdepth.io.formats import FORMATS, find_format
 from lfdepth.io.layout import Layout
-from lfdepth.io.npy import read_npy, read_npz, write_npy, write_npz
+from lfdepth.io.npy import holds, read_npy, read_npz, write_npy, write_npz
 from lfdepth.io.pfm import read_pfm, write_pfm
 from lfdepth.io.ply import write_ply
 from lfdepth.io.png import read_png, write_png
@@ -29,7 +30,7 @@ from lfdepth.lightfield import LightField
 if TYPE_CHECKING:
     from lfdepth.sweep.run import Result
 
-__all__ = ["FORMATS", "check_writable", "read", "read_disparity", "write"]
+__all__ = ["FORMATS", "check_writable", "read", "read_confidence", "read_disparity", "write"]
 
 _WRITERS = {
     ".pfm": write_pfm,
@@ -52,6 +53,14 @@ _READERS = {
     ".zarr": read_zarr,
 }
 _POINTS = ".ply"
+_LIBRARIES = {
+    ".tif": ("tifffile", "tiff"),
+    ".tiff": ("tifffile", "tiff"),
+    ".exr": ("OpenEXR", "exr"),
+    ".zarr": ("zarr", "zarr"),
+    ".ply": ("plyfile", "ply"),
+}
+"""What an ending needs, and the extra that brings it."""
 
 
 def read(
@@ -174,8 +183,11 @@ def write(
 def check_writable(path: str | Path) -> None:
     """Raise LightFieldError, before long work, if `write` would refuse the path."""
     path = Path(path)
+    ending = path.suffix.lower()
     _check_ending(path, (*_WRITERS, _POINTS))
-    check_target(path, replaceable=is_zarr if path.suffix.lower() == ".zarr" else None)
+    if ending in _LIBRARIES:
+        need(*_LIBRARIES[ending], path)
+    check_target(path, replaceable=is_zarr if ending == ".zarr" else None)
 
 
 def read_disparity(path: str | Path, *, finite: bool = True) -> npt.NDArray[np.float32]:
@@ -204,6 +216,30 @@ def read_disparity(path: str | Path, *, finite: bool = True) -> npt.NDArray[np.f
     if not path.exists():
         raise LightFieldError(f"{path}: no such file; expected a disparity map; check the path")
     return checked_map(_READERS[path.suffix.lower()](path), str(path), finite=finite)
+
+
+def read_confidence(path: str | Path) -> npt.NDArray[np.float32] | None:
+    """Read the confidence that is stored beside a map; None where the file has none.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file that `read_disparity` reads; only NPZ is looked into.
+
+    Returns
+    -------
+    ndarray, shape (H, W), or None
+        float32 in [0, 1].
+
+    Raises
+    ------
+    LightFieldError
+        If the file is damaged, or its confidence is no finite map.
+    """
+    path = Path(path)
+    if path.suffix.lower() != ".npz" or not holds(path, "confidence"):
+        return None
+    return checked_map(read_npz(path, "confidence"), f"{path}: confidence")
 
 
 def _check_ending(path: Path, known: tuple[str, ...]) -> None:

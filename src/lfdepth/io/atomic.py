@@ -69,9 +69,12 @@ def atomic_folder(path: str | Path, replaceable: Callable[[Path], bool]) -> Iter
 def check_target(path: str | Path, replaceable: Callable[[Path], bool] | None = None) -> None:
     """Raise LightFieldError unless `path` can be written: a check before long work.
 
-    `replaceable` says of an existing folder whether it may give way; without it, none may.
+    With `replaceable` the target is a folder, and an existing one gives way only if that says so.
     """
-    _create(Path(path), replaceable=replaceable).unlink()
+    if replaceable is None:
+        _create(Path(path)).unlink()
+    else:
+        _create(Path(path), folder=True, replaceable=replaceable).rmdir()
 
 
 def _create(path: Path, *, folder: bool = False, replaceable: Callable[[Path], bool] | None = None) -> Path:
@@ -79,10 +82,18 @@ def _create(path: Path, *, folder: bool = False, replaceable: Callable[[Path], b
     try:
         target = _target(path)
         if target.is_dir() and not (replaceable and replaceable(target)):
+            if folder:
+                raise LightFieldError(
+                    f"{path}: is a folder that holds something else; expected a new name; choose another"
+                )
             raise LightFieldError(f"{path}: is a folder; expected a file name; add one")
         if folder and target.is_file():
             raise LightFieldError(
                 f"{path}: is a file; expected to write a folder; remove it or choose another"
+            )
+        if path.exists() and not (target.is_file() or target.is_dir()):
+            raise LightFieldError(
+                f"{path}: is a device or a pipe; expected a file that can be replaced; choose another"
             )
         temporary = target.with_name(f".{target.stem[:100]}-{uuid4().hex[:8]}{target.suffix}")
         if folder:

@@ -69,8 +69,8 @@ def read_npy(path: Path) -> npt.NDArray[Any]:
         return np.asarray(np.load(path, allow_pickle=False))
 
 
-def read_npz(path: Path) -> npt.NDArray[Any]:
-    """Read the array `disparity` of an NPZ file.
+def read_npz(path: Path, name: str = "disparity") -> npt.NDArray[Any]:
+    """Read an array of an NPZ file.
 
     Raises
     ------
@@ -78,12 +78,23 @@ def read_npz(path: Path) -> npt.NDArray[Any]:
         If the file is truncated, no NPZ file, holds no such array, or one larger than `limits.MAX_BYTES`.
     """
     headers = _read_headers(path)
-    if "disparity" not in headers:
+    if name not in headers:
         raise LightFieldError(
-            f"{path}: holds {', '.join(headers) or 'nothing'}; expected an array 'disparity'; "
+            f"{path}: holds {', '.join(headers) or 'nothing'}; expected an array {name!r}; "
             "save it under that name"
         )
-    return _read_member(path, "disparity", headers)
+    return _read_member(path, name, headers)
+
+
+def holds(path: Path, name: str) -> bool:
+    """Whether an NPZ file has an array of that name.
+
+    Raises
+    ------
+    LightFieldError
+        If the file is truncated or no NPZ file.
+    """
+    return name in _read_headers(path)
 
 
 def write_npy(path: Path, record: Record) -> None:
