@@ -182,6 +182,7 @@ def vote_plane(
         *_sampling(stack, disparity),
         tolerance,
         options,
+        np.int16(1),
     )
 
 
@@ -192,10 +193,10 @@ def _sampling(stack: ViewStack, disparity: float) -> tuple[Any, ...]:
     return stack.data, shape, plane.down, plane.across, plane.weights.astype(np.int16), stack.present
 
 
-def _placed_mask(stack: ViewStack, mask: Mask | None) -> tuple[NDArray[np.uint8], int, Shifts]:
+def _placed_mask(stack: ViewStack, mask: Mask | None) -> tuple[NDArray[np.int16], int, Shifts]:
     """The mask, padded as far as the views sample it, the padding, and the sampling."""
     if mask is None:
-        return np.empty(0, np.uint8), 0, shifts(stack.grid, 0.0)
+        return np.empty(0, np.int16), 0, shifts(stack.grid, 0.0)
     if mask.foreground.shape != stack.size:
         raise LightFieldError(
             f"mask: found shape {mask.foreground.shape}, expected {stack.size} like the views; "
@@ -204,4 +205,4 @@ def _placed_mask(stack: ViewStack, mask: Mask | None) -> tuple[NDArray[np.uint8]
     placing = shifts(stack.grid, mask.offset).limited(stack.size)
     reach, width = placing.reach, stack.size[1]
     border = ((reach, reach), (reach, reach + round_width(width) - width))
-    return np.pad(mask.foreground.astype(np.uint8), border, "edge").reshape(-1), reach, placing
+    return np.pad(mask.foreground.astype(np.int16), border, "edge").reshape(-1), reach, placing

@@ -13,30 +13,41 @@ from __future__ import annotations
 
 import numba as nb
 import numpy as np
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.extending import intrinsic
 
 from lfdepth.sweep.reparam import PAD, UNIT
 
 BLOCK = 32
 """Columns that share the decision between the plain and the masked count."""
 
+_GAP = 2
+"""Blocks of plain count between masked ones that are not worth loops of their own."""
+
 _ONE = np.uintp(1)
 _LOWEST, _HIGHEST = -32768, 32767
 
 
-@nb.njit(nogil=True, cache=True)
-def interpolate_row(out, start, source, upper, lower, length, w00, w01, w10, w11):
-    """Write interpolated levels, less 32768, to `out[start:start + length]` from two rows of `source`.
+_LINE = 32
+"""Values of a cache line."""
 
-    Weights must be 16 bits wide, or the loop is not.
-    """
-    for x in range(np.uintp(length)):
-        out[start + x] = np.int16(
-            source[upper + x] * w00
-            + source[upper + _ONE + x] * w01
-            + source[lower + x] * w10
-            + source[lower + _ONE + x] * w11
-            + _LOWEST
-        )
+
+@intrinsic
+def _prefetch(_context, array, index):
+    """Ask for the cache line of `array[index]`; any index will do."""
+
+    def generate(context, builder, signature, arguments):
+        data = cgutils.create_struct_proxy(signature.args[0])(context, builder, arguments[0]).data
+        address = builder.bitcast(builder.gep(data, [arguments[1]]), ir.IntType(8).as_pointer())
+        number = ir.IntType(32)
+        kind = ir.FunctionType(ir.VoidType(), [address.type, number, number, number])
+        hint = builder.module.declare_intrinsic("llvm.prefetch", [address.type], kind)
+        # For reading, into the second-level cache, data.
+        builder.call(hint, [address, number(0), number(2), number(1)])
+        return context.get_dummy_value()
+
+    return types.void(array, index), generate
 
 
 @nb.njit(nogil=True, cache=True)
@@ -46,32 +57,38 @@ def row_length(width):
 
 
 @nb.njit(nogil=True, cache=True)
-def fill_ring(ring, row, data, shape, down, across, weights, present):
-    """Interpolate image row `row` (clamped to the image) of every view into its slot of the ring."""
+def fill_ring(ring, row, data, shape, down, across, weights, present, ahead):
+    """Interpolate image row `row` (clamped to the image) of every view into its slot of the ring.
+
+    Levels are stored less 32768. Weights must be 16 bits wide, or the loop is not. `ahead` becomes the offset
+    of what the next row will have to read of every view that is there.
+    """
     rows, columns, height, width, source_length, margin = shape
     length = row_length(width)
     slot = row % 3
     row = min(max(row, 0), height - 1)
+    view = 0
     for v in range(rows):
-        upper = min(max(row + down[v], 0), height - 1)
-        lower = min(max(row + down[v] + 1, 0), height - 1)
+        first = (v * height + min(max(row + down[v], 0), height - 1)) * columns
+        second = (v * height + min(max(row + down[v] + 1, 0), height - 1)) * columns
         for u in range(columns):
             if not present[v, u]:
                 continue
             column = margin - PAD + across[u]
+            upper = np.uintp((first + u) * source_length + column)
+            lower = np.uintp((second + u) * source_length + column)
             start = np.uintp(((slot * rows + v) * columns + u) * length)
-            interpolate_row(
-                ring,
-                start,
-                data,
-                np.uintp(((v * height + upper) * columns + u) * source_length + column),
-                np.uintp(((v * height + lower) * columns + u) * source_length + column),
-                length,
-                weights[v, u, 0],
-                weights[v, u, 1],
-                weights[v, u, 2],
-                weights[v, u, 3],
-            )
+            ahead[view] = lower + np.uintp(columns * source_length)
+            view += 1
+            w00, w01, w10, w11 = weights[v, u, 0], weights[v, u, 1], weights[v, u, 2], weights[v, u, 3]
+            for x in range(np.uintp(length)):
+                ring[start + x] = np.int16(
+                    data[upper + x] * w00
+                    + data[upper + _ONE + x] * w01
+                    + data[lower + x] * w10
+                    + data[lower + _ONE + x] * w11
+                    + _LOWEST
+                )
             # The shifted view ends with the image: its border repeats for the spatial gradient.
             start += np.uintp(PAD)
             ring[start - _ONE] = ring[start]
@@ -99,7 +116,7 @@ def _row_offsets(row, v, u, present, length):
         np.uintp(((here + v) * columns + east) * length + PAD),
         np.uintp(((here + north) * columns + u) * length + PAD),
         np.uintp(((here + south) * columns + u) * length + PAD),
-        int(west != east) + int(north != south),
+        np.uintp(int(west != east) + int(north != south)),
     )
 
 
@@ -113,27 +130,81 @@ def _photo_bounds(low, high, ring, start, tolerance):
 
 
 @nb.njit(nogil=True, cache=True)
-def _count_plain(votes, weight, ring, offsets, low, high, first, last):
-    """Add one view's central-difference votes to columns [first, last)."""
-    here, above, below, west, east, north, south, axes = offsets
-    one, axes16 = np.int16(1), np.int16(axes)
-    for x in range(np.uintp(first), np.uintp(last)):
-        level = ring[here + x]
-        inside = (level >= low[x]) & (level <= high[x])
-        left, right = ring[here + x - _ONE], ring[here + x + _ONE]
-        # Two booleans per gradient instead of a sign: comparisons are all that narrow integers need.
-        x_up, x_down = (right > left) & inside, (right < left) & inside
-        y_up = (ring[below + x] > ring[above + x]) & inside
-        y_down = (ring[below + x] < ring[above + x]) & inside
-        u_up, u_down = ring[east + x] > ring[west + x], ring[east + x] < ring[west + x]
-        v_up, v_down = ring[south + x] > ring[north + x], ring[south + x] < ring[north + x]
-        total = votes[x]
-        total = np.int16(total + one) if (x_up & u_up) | (x_down & u_down) else total
-        total = np.int16(total - one) if (x_up & u_down) | (x_down & u_up) else total
-        total = np.int16(total + one) if (y_up & v_up) | (y_down & v_down) else total
-        total = np.int16(total - one) if (y_up & v_down) | (y_down & v_up) else total
-        votes[x] = total
-        weight[x] = np.int16(weight[x] + axes16) if inside else weight[x]
+def _view_offsets(present, length):
+    """`_row_offsets` of every view that is there, for rows y with y % 3 = 0, 1 and 2: (3, views, 8)."""
+    table = np.empty((3, present.sum(), 8), np.uintp)
+    for row in range(3):
+        view = 0
+        for v in range(present.shape[0]):
+            for u in range(present.shape[1]):
+                if present[v, u]:
+                    offsets = _row_offsets(row, v, u, present, length)
+                    for k in range(8):
+                        table[row, view, k] = offsets[k]
+                    view += 1
+    return table
+
+
+@nb.njit(nogil=True, cache=True, inline="always")
+def _offsets(table, phase, view):
+    return (
+        table[phase, view, 0],
+        table[phase, view, 1],
+        table[phase, view, 2],
+        table[phase, view, 3],
+        table[phase, view, 4],
+        table[phase, view, 5],
+        table[phase, view, 6],
+    )
+
+
+@nb.njit(nogil=True, cache=True)
+def _mask_offsets(present, placing, length, reach):
+    """Offset, from the start of row y in the padded mask, at which every view samples it, and its weights."""
+    down, across, weights = placing
+    count = present.sum()
+    offsets, kept = np.empty(count, np.uintp), np.empty((count, 4), np.int16)
+    view = 0
+    for v in range(present.shape[0]):
+        for u in range(present.shape[1]):
+            if present[v, u]:
+                offsets[view] = (reach + down[v]) * length + reach + across[u]
+                kept[view] = weights[v, u]
+                view += 1
+    return offsets, kept
+
+
+@nb.njit(nogil=True, cache=True, inline="always")
+def _signum(a, b, one):
+    """Sign of a − b. `one` is 1, but not known to LLVM, which would make slower comparisons of the bounds."""
+    difference = np.int16(min(max(np.int32(a) - np.int32(b), np.int32(_LOWEST)), np.int32(_HIGHEST)))
+    return min(max(difference, np.int16(-one)), one)
+
+
+@nb.njit(nogil=True, cache=True)
+def _count_plain(sums, levels, phase, one, first, last):
+    """Count the central-difference votes of all views on columns [first, last).
+
+    Counting keeps the arithmetic units busy, interpolation the memory: what the latter will want is asked for
+    meanwhile.
+    """
+    votes, weight = sums
+    ring, table, low, high, data, ahead = levels
+    for view in range(table.shape[1]):
+        for x in range(first, last, _LINE):
+            _prefetch(data, ahead[view] + np.uintp(x))
+        here, above, below, west, east, north, south = _offsets(table, phase, view)
+        axes = np.int16(table[phase, view, 7])
+        for x in range(np.uintp(first), np.uintp(last)):
+            level = ring[here + x]
+            inside = np.int16(-np.int16((level >= low[x]) & (level <= high[x])))
+            along_x = _signum(ring[here + x + _ONE], ring[here + x - _ONE], one)
+            along_y = _signum(ring[below + x], ring[above + x], one)
+            along_u = _signum(ring[east + x], ring[west + x], one)
+            along_v = _signum(ring[south + x], ring[north + x], one)
+            total = np.int16(np.int16(along_x * along_u) + np.int16(along_y * along_v))
+            votes[x] = np.int16(votes[x] + (total & inside))
+            weight[x] = np.int16(weight[x] + (axes & inside))
 
 
 @nb.njit(nogil=True, cache=True, inline="always")
@@ -142,10 +213,10 @@ def _sign(a, b):
 
 
 @nb.njit(nogil=True, cache=True)
-def _central_signs(xu, yv, ring, offsets, first, last):
+def _central_signs(xu, yv, ring, table, phase, view):
     """One view's signs S_xu, S_yv from central differences."""
-    here, above, below, west, east, north, south, _ = offsets
-    for x in range(np.uintp(first), np.uintp(last)):
+    here, above, below, west, east, north, south = _offsets(table, phase, view)
+    for x in range(np.uintp(xu.size)):
         angular_u = _sign(ring[east + x], ring[west + x])
         angular_v = _sign(ring[south + x], ring[north + x])
         xu[x] = np.int16(_sign(ring[here + x + _ONE], ring[here + x - _ONE]) * angular_u)
@@ -153,10 +224,10 @@ def _central_signs(xu, yv, ring, offsets, first, last):
 
 
 @nb.njit(nogil=True, cache=True)
-def _sobel_signs(xu, yv, ring, offsets, first, last):
+def _sobel_signs(xu, yv, ring, table, phase, view):
     """One view's signs S_xu, S_yv from 3×3 Sobel gradients."""
-    here, above, below, west, east, north, south, _ = offsets
-    for x in range(np.uintp(first), np.uintp(last)):
+    here, above, below, west, east, north, south = _offsets(table, phase, view)
+    for x in range(np.uintp(xu.size)):
         nw, ne = np.int32(ring[above + x - _ONE]), np.int32(ring[above + x + _ONE])
         sw, se = np.int32(ring[below + x - _ONE]), np.int32(ring[below + x + _ONE])
         left, right = np.int32(ring[here + x - _ONE]), np.int32(ring[here + x + _ONE])
@@ -168,12 +239,11 @@ def _sobel_signs(xu, yv, ring, offsets, first, last):
 
 
 @nb.njit(nogil=True, cache=True)
-def _count_weighted(votes, weight, xu, yv, ring, offsets, low, high, signs_agree, share, first, last):
-    """Add one view's votes, each times `share` (0…`UNIT`), for columns [first, last)."""
-    here, axes = offsets[0], np.int16(offsets[7])
+def _count_weighted(votes, weight, xu, yv, ring, here, axes, low, high, signs_agree, share):
+    """Add one view's votes, each times `share` (0…`UNIT`)."""
     # With one angular axis there is no second sign to disagree.
     any_signs = not signs_agree or axes < 2
-    for x in range(np.uintp(first), np.uintp(last)):
+    for x in range(np.uintp(votes.size)):
         level = ring[here + x]
         counts = (level >= low[x]) & (level <= high[x]) & (any_signs | (xu[x] == yv[x]))
         part = share[x] if counts else np.int16(0)
@@ -182,188 +252,119 @@ def _count_weighted(votes, weight, xu, yv, ring, offsets, low, high, signs_agree
 
 
 @nb.njit(nogil=True, cache=True)
-def _count_masked(
-    votes, weight, ring, offsets, low, high, mask, own, shifted, length, w00, w01, w10, w11, first, last
-):
-    """Add one view's central-difference votes, each times its share in the mask (eq. 4-5).
+def _count_masked(sums, levels, phase, one, masks, y, first, last):
+    """Count the central-difference votes of all views, each times its view's share in the mask (eq. 4-5).
 
-    `own` and `shifted` are the flat offsets of the reference's and the view's row in the mask, whose rows
-    are `length` long.
+    `masks` is (mask, length of its rows, flat offsets at which the reference view and every view sample it
+    for row 0, the views' weights).
     """
-    here, above, below, west, east, north, south, axes = offsets
-    axes16, below_mask, zero = np.int16(axes), shifted + np.uintp(length), np.int16(0)
-    for x in range(np.uintp(first), np.uintp(last)):
-        share = np.int16(
-            mask[shifted + x] * w00
-            + mask[shifted + _ONE + x] * w01
-            + mask[below_mask + x] * w10
-            + mask[below_mask + _ONE + x] * w11
-        )
-        share = share if mask[own + x] != 0 else np.int16(UNIT - share)
-        level = ring[here + x]
-        share = share if (level >= low[x]) & (level <= high[x]) else zero
-        left, right = ring[here + x - _ONE], ring[here + x + _ONE]
-        x_up, x_down = right > left, right < left
-        y_up, y_down = ring[below + x] > ring[above + x], ring[below + x] < ring[above + x]
-        u_up, u_down = ring[east + x] > ring[west + x], ring[east + x] < ring[west + x]
-        v_up, v_down = ring[south + x] > ring[north + x], ring[south + x] < ring[north + x]
-        total = share if (x_up & u_up) | (x_down & u_down) else zero
-        total = np.int16(total - share) if (x_up & u_down) | (x_down & u_up) else total
-        total = np.int16(total + share) if (y_up & v_up) | (y_down & v_down) else total
-        total = np.int16(total - share) if (y_up & v_down) | (y_down & v_up) else total
-        votes[x] = np.int16(votes[x] + total)
-        weight[x] = np.int16(weight[x] + share * axes16)
+    votes, weight = sums
+    ring, table, low, high, data, ahead = levels
+    mask, length, own, sampled, weights = masks
+    row = np.uintp(y) * length
+    own += row
+    for view in range(table.shape[1]):
+        for x in range(first, last, _LINE):
+            _prefetch(data, ahead[view] + np.uintp(x))
+        here, above, below, west, east, north, south = _offsets(table, phase, view)
+        axes = np.int16(table[phase, view, 7])
+        upper = row + sampled[view]
+        lower = upper + length
+        w00, w01, w10, w11 = weights[view, 0], weights[view, 1], weights[view, 2], weights[view, 3]
+        for x in range(np.uintp(first), np.uintp(last)):
+            share = np.int16(
+                mask[upper + x] * w00
+                + mask[upper + _ONE + x] * w01
+                + mask[lower + x] * w10
+                + mask[lower + _ONE + x] * w11
+            )
+            share = share if mask[own + x] != 0 else np.int16(UNIT - share)
+            level = ring[here + x]
+            share &= np.int16(-np.int16((level >= low[x]) & (level <= high[x])))
+            along_x = _signum(ring[here + x + _ONE], ring[here + x - _ONE], one)
+            along_y = _signum(ring[below + x], ring[above + x], one)
+            along_u = _signum(ring[east + x], ring[west + x], one)
+            along_v = _signum(ring[south + x], ring[north + x], one)
+            total = np.int16(np.int16(along_x * along_u) + np.int16(along_y * along_v))
+            votes[x] = np.int16(votes[x] + np.int16(share * total))
+            weight[x] = np.int16(weight[x] + np.int16(share * axes))
 
 
 @nb.njit(nogil=True, cache=True)
-def _flush(total, part, first, last):
-    """Move 16-bit sums to 32-bit ones: a row of views cannot overflow 16 bits, a whole grid could."""
+def _scale(out, total, factor, first, last):
     for x in range(np.uintp(first), np.uintp(last)):
-        total[x] += part[x]
-        part[x] = 0
-
-
-@nb.njit(nogil=True, cache=True)
-def _scale(out, total, factor):
-    for x in range(out.size):
         out[x] = np.float32(total[x]) * factor
 
 
 @nb.njit(nogil=True, cache=True)
-def _plain_row(out, evidence, factor, votes, weight, ring, y, present, low, high, first, last):
-    """Votes of all views on columns [first, last) of row y."""
-    votes[first:last] = 0
-    weight[first:last] = 0
-    for v in range(present.shape[0]):
-        for u in range(present.shape[1]):
-            if present[v, u]:
-                offsets = _row_offsets(y, v, u, present, low.size + 2 * PAD)
-                _count_plain(votes, weight, ring, offsets, low, high, first, last)
-    last = min(last, out.size)
-    _scale(out[first:last], votes[first:last], factor)
-    _scale(evidence[first:last], weight[first:last], factor)
-
-
-@nb.njit(nogil=True, cache=True)
-def _masked_row(
-    out, evidence, factor, sums, parts, ring, y, present, low, high, mask, length, reach, placing, first, last
-):
-    """Votes of all views on columns [first, last) of row y, with the mask."""
-    down, across, weights = placing
-    (votes, weight), (row_votes, row_weight) = sums, parts
-    votes[first:last] = 0
-    weight[first:last] = 0
-    row_votes[first:last] = 0
-    row_weight[first:last] = 0
-    own = np.uintp((y + reach) * length + reach)
-    for v in range(present.shape[0]):
-        for u in range(present.shape[1]):
-            if not present[v, u]:
-                continue
-            _count_masked(
-                row_votes,
-                row_weight,
-                ring,
-                _row_offsets(y, v, u, present, low.size + 2 * PAD),
-                low,
-                high,
-                mask,
-                own,
-                np.uintp((y + reach + down[v]) * length + reach + across[u]),
-                length,
-                weights[v, u, 0],
-                weights[v, u, 1],
-                weights[v, u, 2],
-                weights[v, u, 3],
-                first,
-                last,
-            )
-        _flush(votes, row_votes, first, last)
-        _flush(weight, row_weight, first, last)
-    last = min(last, out.size)
-    _scale(out[first:last], votes[first:last], factor / np.float32(UNIT))
-    _scale(evidence[first:last], weight[first:last], factor / np.float32(UNIT))
-
-
-@nb.njit(nogil=True, cache=True)
-def _general_row(
-    out,
-    evidence,
-    factor,
-    votes,
-    weight,
-    scratch,
-    ring,
-    y,
-    present,
-    low,
-    high,
-    options,
-    mask,
-    length,
-    reach,
-    placing,
-):
-    """Votes of all views on row y, with any options and a mask or none."""
+def _count_general(sums, scratch, levels, phase, options, masks, y):
+    """Sums of all views' votes and weights on row y, in 1/UNIT, with any options and a mask or none."""
     sobel, signs_agree, masked = options
+    votes, weight = sums
+    ring, table, low, high, _, _ = levels
     xu, yv, share = scratch
-    down, across, weights = placing
-    inner = low.size
     votes[:] = 0
     weight[:] = 0
     share[:] = UNIT
-    for v in range(present.shape[0]):
-        for u in range(present.shape[1]):
-            if not present[v, u]:
-                continue
-            offsets = _row_offsets(y, v, u, present, inner + 2 * PAD)
-            if sobel:
-                _sobel_signs(xu, yv, ring, offsets, 0, inner)
-            else:
-                _central_signs(xu, yv, ring, offsets, 0, inner)
-            if masked:
-                start = (y + reach + down[v]) * length + reach + across[u]
-                _mask_share(share, mask, (y + reach) * length + reach, start, length, weights[v, u])
-            _count_weighted(votes, weight, xu, yv, ring, offsets, low, high, signs_agree, share, 0, inner)
-    _scale(out, votes, factor / np.float32(UNIT))
-    _scale(evidence, weight, factor / np.float32(UNIT))
+    for view in range(table.shape[1]):
+        if sobel:
+            _sobel_signs(xu, yv, ring, table, phase, view)
+        else:
+            _central_signs(xu, yv, ring, table, phase, view)
+        if masked:
+            _mask_share(share, masks, y, view)
+        here, axes = table[phase, view, 0], np.int16(table[phase, view, 7])
+        _count_weighted(votes, weight, xu, yv, ring, here, axes, low, high, signs_agree, share)
 
 
 @nb.njit(nogil=True, cache=True)
-def _mask_share(share, mask, own, shifted, length, weights):
+def _mask_share(share, masks, y, view):
     """Weight of one view's votes (eq. 4-5): its mask where the reference is foreground, else the rest."""
-    for x in range(share.size):
-        at = shifted + x
+    mask, length, own, sampled, weights = masks
+    row = np.uintp(y) * length
+    own += row
+    upper = row + sampled[view]
+    lower = upper + length
+    for x in range(np.uintp(share.size)):
         foreground = np.int16(
-            mask[at] * weights[0]
-            + mask[at + 1] * weights[1]
-            + mask[at + length] * weights[2]
-            + mask[at + length + 1] * weights[3]
+            mask[upper + x] * weights[view, 0]
+            + mask[upper + _ONE + x] * weights[view, 1]
+            + mask[lower + x] * weights[view, 2]
+            + mask[lower + _ONE + x] * weights[view, 3]
         )
         share[x] = foreground if mask[own + x] != 0 else np.int16(UNIT - foreground)
 
 
 @nb.njit(nogil=True, cache=True)
-def _is_mixed(mask, length, reach, y, first):
-    """Whether the views' masks can differ from the reference's in the block that starts at column `first`."""
-    if reach > BLOCK:  # looking costs more than it saves
-        return True
-    total = 0
-    for row in range(y, y + 2 * reach + 1):
-        for x in range(row * length + first, row * length + first + BLOCK + 2 * reach):
-            total += mask[x]
-    return total != 0 and total != (2 * reach + 1) * (BLOCK + 2 * reach)
+def _add_mask_row(count, mask, start, sign):
+    for x in range(np.uintp(count.size)):
+        count[x] = np.int16(count[x] + mask[np.uintp(start) + x] * sign)
 
 
 @nb.njit(nogil=True, cache=True)
-def _axes(present):
-    """Number of votes a pixel has when every view counts."""
-    total = 0
-    for v in range(present.shape[0]):
-        for u in range(present.shape[1]):
-            if present[v, u]:
-                total += _row_offsets(0, v, u, present, 1)[7]
-    return total
+def _all_equal(row, value, first, last):
+    different = 0
+    for x in range(np.uintp(first), np.uintp(last)):
+        different |= row[x] ^ value
+    return different == 0
+
+
+@nb.njit(nogil=True, cache=True)
+def _mark_mixed(mixed, count, reach):
+    """Mark the blocks of a row in which the views' masks can differ from the reference's.
+
+    `count` is the number of foreground pixels within `reach` rows. Small gaps are marked, too: the masked
+    count holds everywhere, and long loops suit the vector units.
+    """
+    latest = -_GAP - 2
+    for block in range(mixed.size):
+        first, last = block * BLOCK, (block + 1) * BLOCK + 2 * reach
+        none, full = np.int16(0), np.int16(2 * reach + 1)
+        mixed[block] = not (_all_equal(count, none, first, last) or _all_equal(count, full, first, last))
+        if mixed[block]:
+            if block - latest <= _GAP + 1:
+                mixed[latest + 1 : block] = True
+            latest = block
 
 
 @nb.njit(nogil=True, cache=True)
@@ -383,84 +384,70 @@ def vote_kernel(
     present,
     tolerance,
     options,
+    one,
 ):
     """Sum of votes and number of votes that count (`evidence`), both as shares of all possible votes.
 
     Rows [first_row, last_row) of one plane.
 
     `mask` is flat, of an image padded by `reach` (and to whole blocks); `placing` samples it per view: whole
-    pixels down and across, and bilinear weights. `options` is (sobel, signs_agree, masked).
+    pixels down and across, and bilinear weights. `options` is (sobel, signs_agree, masked). `one` is 1, see
+    `_signum`.
     """
     rows, columns, _, width = shape[:4]
     length = row_length(width)
     inner = length - 2 * PAD
     mask_length = inner + 2 * reach
     sobel, signs_agree, masked = options
-    possible = _axes(present)
-    factor = np.float32(1.0 / max(possible, 1))
-    # More votes than 16 bits count, or more shares of votes in one row of views.
-    many = possible > _HIGHEST or 2 * columns * UNIT > _HIGHEST
+    table = _view_offsets(present, length)
+    possible = max(np.int64(table[0, :, 7].sum()), 1)
+    # Numbers of votes, and of shares of votes, have to fit 16 bits.
+    general = sobel or signs_agree or possible * (UNIT if masked else 1) > _HIGHEST
+    share = np.float32(1 / (possible * UNIT))
     ring = np.empty(3 * rows * columns * length, np.int16)
     low, high = np.empty(inner, np.int16), np.empty(inner, np.int16)
-    parts = (np.empty(inner, np.int16), np.empty(inner, np.int16))
-    sums = (np.empty(inner, np.int32), np.empty(inner, np.int32))
+    sums = (np.empty(inner, np.int16), np.empty(inner, np.int16))
+    large_sums = (np.empty(inner, np.int32), np.empty(inner, np.int32))
     scratch = (np.empty(inner, np.int16), np.empty(inner, np.int16), np.empty(inner, np.int16))
-    fill_ring(ring, first_row - 1, data, shape, down, across, weights, present)
-    fill_ring(ring, first_row, data, shape, down, across, weights, present)
+    mixed = np.zeros(inner // BLOCK, np.bool_)
+    count = np.zeros(mask_length if masked else 0, np.int16)
+    sampled, kept = _mask_offsets(present, placing, mask_length, reach)
+    masks = (mask, np.uintp(mask_length), np.uintp(reach * mask_length + reach), sampled, kept)
+    levels = (ring, table, low, high, data, np.empty(table.shape[1], np.uintp))
+    if masked:
+        for row in range(first_row, first_row + 2 * reach):
+            _add_mask_row(count, mask, row * mask_length, 1)
+    fill_ring(ring, first_row - 1, data, shape, down, across, weights, present, levels[5])
+    fill_ring(ring, first_row, data, shape, down, across, weights, present, levels[5])
     for y in range(first_row, last_row):
-        fill_ring(ring, y + 1, data, shape, down, across, weights, present)
-        centre = ((y % 3 * rows + rows // 2) * columns + columns // 2) * length + PAD
+        fill_ring(ring, y + 1, data, shape, down, across, weights, present, levels[5])
+        phase = y % 3
+        centre = ((phase * rows + rows // 2) * columns + columns // 2) * length + PAD
         _photo_bounds(low, high, ring, np.uintp(centre), tolerance)
-        if sobel or signs_agree or many:
-            _general_row(
-                out[y],
-                evidence[y],
-                factor,
-                sums[0],
-                sums[1],
-                scratch,
-                ring,
-                y,
-                present,
-                low,
-                high,
-                options,
-                mask,
-                mask_length,
-                reach,
-                placing,
-            )
+        if general:
+            _count_general(large_sums, scratch, levels, phase, options, masks, y)
+            _scale(out[y], large_sums[0], share, 0, width)
+            _scale(evidence[y], large_sums[1], share, 0, width)
             continue
+        if masked:
+            _add_mask_row(count, mask, (y + 2 * reach) * mask_length, 1)
+            _mark_mixed(mixed, count, reach)
+            _add_mask_row(count, mask, y * mask_length, -1)
+        sums[0][:] = 0
+        sums[1][:] = 0
         last = 0
         while last < inner:
             first, last = last, last + BLOCK
-            mixed = masked and _is_mixed(mask, mask_length, reach, y, first)
-            # Neighbouring blocks of one kind are counted together: long loops suit the vector units.
-            while last < inner and mixed == (masked and _is_mixed(mask, mask_length, reach, y, last)):
+            while last < inner and mixed[last // BLOCK] == mixed[first // BLOCK]:
                 last += BLOCK
-            if mixed:
-                _masked_row(
-                    out[y],
-                    evidence[y],
-                    factor,
-                    sums,
-                    parts,
-                    ring,
-                    y,
-                    present,
-                    low,
-                    high,
-                    mask,
-                    mask_length,
-                    reach,
-                    placing,
-                    first,
-                    last,
-                )
+            factor = np.float32(1 / possible)
+            if mixed[first // BLOCK]:
+                factor = share
+                _count_masked(sums, levels, phase, one, masks, y, first, last)
             else:
-                _plain_row(
-                    out[y], evidence[y], factor, parts[0], parts[1], ring, y, present, low, high, first, last
-                )
+                _count_plain(sums, levels, phase, one, first, last)
+            _scale(out[y], sums[0], factor, first, min(last, width))
+            _scale(evidence[y], sums[1], factor, first, min(last, width))
 
 
 @nb.njit(nogil=True, cache=True)
@@ -470,18 +457,21 @@ def sign_kernel(first_row, last_row, signs_xu, signs_yv, data, shape, down, acro
     length = row_length(width)
     ring = np.empty(3 * rows * columns * length, np.int16)
     xu, yv = np.empty(width, np.int16), np.empty(width, np.int16)
-    fill_ring(ring, first_row - 1, data, shape, down, across, weights, present)
-    fill_ring(ring, first_row, data, shape, down, across, weights, present)
+    table = _view_offsets(present, length)
+    ahead = np.empty(table.shape[1], np.uintp)
+    fill_ring(ring, first_row - 1, data, shape, down, across, weights, present, ahead)
+    fill_ring(ring, first_row, data, shape, down, across, weights, present, ahead)
     for y in range(first_row, last_row):
-        fill_ring(ring, y + 1, data, shape, down, across, weights, present)
+        fill_ring(ring, y + 1, data, shape, down, across, weights, present, ahead)
+        view = 0
         for v in range(rows):
             for u in range(columns):
                 if not present[v, u]:
                     continue
-                offsets = _row_offsets(y, v, u, present, length)
                 if sobel:
-                    _sobel_signs(xu, yv, ring, offsets, 0, width)
+                    _sobel_signs(xu, yv, ring, table, y % 3, view)
                 else:
-                    _central_signs(xu, yv, ring, offsets, 0, width)
+                    _central_signs(xu, yv, ring, table, y % 3, view)
                 signs_xu[v, u, y] = xu
                 signs_yv[v, u, y] = yv
+                view += 1
