@@ -25,6 +25,7 @@ from lfdepth.sweep.visibility import nearest_surfaces
 
 _MEDIAN = (1, 0.05, 2.0)  # radius in px, standard deviations of colour and space
 _EDGE_TRUST = 0.3
+_UNSTEADY = 0.15  # px per view step within two pixels that cost a pixel a third of its trust
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,9 +79,13 @@ class DepthEdges:
             settled = self._move_edges(settled, workers)
         return settled
 
-    def distrust(self, confidence: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Lower a map's confidence (H, W) where the last map had edges."""
-        return np.where(self._found, np.float32(_EDGE_TRUST) * confidence, confidence)
+    def distrust(
+        self, confidence: NDArray[np.float32], disparity: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """Lower a map's confidence (H, W) where the map just settled has edges, or changes fast."""
+        trust = 1 / np.sqrt(1 + (_local_range(disparity, 2) / np.float32(_UNSTEADY)) ** 2)
+        trust[self._found] *= np.float32(_EDGE_TRUST)
+        return np.asarray(confidence * trust, np.float32)
 
     def _move_edges(self, disparity: NDArray[np.float32], workers: Workers) -> NDArray[np.float32]:
         grid, width = (self._views.shape[0], self._views.shape[1]), self._views.shape[3]
@@ -103,3 +108,17 @@ class DepthEdges:
             self._found,
         )
         return decided
+
+
+def _local_range(image: NDArray[np.float32], radius: int) -> NDArray[np.float32]:
+    """Largest less smallest value within (2·radius + 1)² windows."""
+    high, low = image, image
+    for axis in (0, 1):
+        border = [(0, 0), (0, 0)]
+        border[axis] = (radius, radius)
+        length = image.shape[axis]
+        highs, lows = np.pad(high, border, "edge"), np.pad(low, border, "edge")
+        shifted = [range(start, start + length) for start in range(2 * radius + 1)]
+        high = np.maximum.reduce([highs.take(rows, axis) for rows in shifted])
+        low = np.minimum.reduce([lows.take(rows, axis) for rows in shifted])
+    return high - low

@@ -177,7 +177,7 @@ def _sweep(
                 progress(len(planes) + index + 1, len(planes) * passes)
         disparity, confidence = decoder.decide(workers)
         disparity = edges.settle(disparity, workers)
-    return disparity, edges.distrust(confidence)
+    return disparity, edges.distrust(confidence, disparity)
 
 
 def guide_image(lf: LightField, guide: str) -> NDArray[np.float32]:
