@@ -365,6 +365,14 @@ def test_info_names_the_option_that_mends_the_order(scene: Path, run: Run) -> No
     _, text, _ = run("info", "scene")
     assert "use --flip-" in text
     assert "range   unknown: the views have to be in order first" in text
+    for words in (
+        ["estimate", "scene", "-o", "map.pfm"],
+        ["mask", "scene", "--foreground-of", "0", "-o", "map"],
+    ):
+        assert_refused(
+            run(*words), ["scene: views are not in the expected order", "use --flip-", "--range MIN"]
+        )
+    assert left_behind() == []
     mended = json.loads(run("info", "scene", "--flip-u", "--json")[1])
     assert not mended["order"]["wrong"]
     assert mended["disparity_range"] == pytest.approx([DISPARITY] * 2, abs=0.3)

@@ -19,6 +19,7 @@ from lfdepth.cli.options import (
     MethodParameters,
     Output,
     Range,
+    Reading,
     ReadingParameters,
     check_picture,
     given,
@@ -111,6 +112,8 @@ def estimate(
         check_picture(preview, apart_from=output)
     lf = reading.read(scene)
     _check_output(output, lf, quantity, mesh)
+    if range is None:
+        _check_order(lf, reading)
     with Progress() as progress:
         result = lfdepth.estimate(lf, chosen, range=range, threads=threads, progress=progress, force=force)
     lfdepth.write(output, result, scene=lf, quantity=quantity, mesh=mesh)
@@ -296,9 +299,11 @@ def refocus(
     check_picture(output, apart_from=all_in_focus or map_file)
     lf = reading.read(scene)
     if disparity is None:
-        picture = focusing.all_in_focus(lf, _map_of(lf, all_in_focus, range, threads), threads=threads)
+        picture = focusing.all_in_focus(
+            lf, _map_of(lf, reading, all_in_focus, range, threads), threads=threads
+        )
     else:
-        near = None if without_foreground is None else _map_of(lf, map_file, range, threads)
+        near = None if without_foreground is None else _map_of(lf, reading, map_file, range, threads)
         picture = focusing.refocus(
             lf, disparity, without_foreground=without_foreground, disparity_map=near, threads=threads
         )
@@ -350,7 +355,7 @@ def mask(
 
     check_target(output, replaceable=holds_masks)
     lf = reading.read(scene)
-    masks = foreground_masks(lf, _map_of(lf, map_file, range, threads), foreground_of, at=at)
+    masks = foreground_masks(lf, _map_of(lf, reading, map_file, range, threads), foreground_of, at=at)
     write_masks(output, masks, lf)
     report(mask_facts(lf, masks, foreground_of, output), as_json, mask_text)
 
@@ -376,7 +381,11 @@ def demo(*, output: Output = DEMO_FOLDER, size: int = SIZE, as_json: Json = Fals
 
 
 def _map_of(
-    lf: LightField, path: Path | None, range: tuple[float, float] | None, threads: int | None
+    lf: LightField,
+    reading: Reading,
+    path: Path | None,
+    range: tuple[float, float] | None,
+    threads: int | None,
 ) -> NDArray[np.float32]:
     """The disparity map in a file, or the one that the default method estimates."""
     import lfdepth
@@ -385,8 +394,18 @@ def _map_of(
 
     if path is not None:
         return read_disparity(path)
+    if range is None:
+        _check_order(lf, reading)
     with Progress() as progress:
         return lfdepth.estimate(lf, range=range, threads=threads, progress=progress).disparity
+
+
+def _check_order(lf: LightField, reading: Reading) -> None:
+    """Raise LightFieldError if a range would be looked for in views whose order is wrong."""
+    if lf.disparity_range is None and (found := reading.check_order(lf)).wrong:
+        raise LightFieldError(
+            f"{lf.name}: {found.message}; or give --range MIN MAX, and they are taken as they are"
+        )
 
 
 def _search_range(
