@@ -1,0 +1,423 @@
+"""The oracle of exact visibility, the joint energy and its paths, depth edges and noise, in plain loops.
+
+It shares no code with `lfdepth.sweep`, only the numbers that have a name there. Disparities are in px per
+view step, maps are (H, W), volumes (K, H, W) front to back, views (V, U, H, W, C).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import naive
+import naive_photo
+from lfdepth.methods import Method
+from lfdepth.sweep import edges, edges_kernels, joint_kernels, noise, visibility, visibility_kernels
+from lfdepth.sweep.edges import EdgeRule
+from lfdepth.sweep.joint import JointRule
+
+Array = NDArray[Any]
+
+# Numbers that the sweep keeps inside its formulas.
+CONTRAST = (0.03, 0.1)  # of photo-consistency over planes, where its weight rises from 0 to 1
+TEXTURE = (0.55, 0.8)  # the same for local contrast over the residual level
+TEXTURE_SLOPE = 0.2  # px
+RESIDUAL_QUANTILE = 0.25
+FEWEST_SEEING = 0.1  # of all views
+INSIDE = 0.25  # of a jump, within which a pixel's disparity is the nearer surface's
+THRESHOLDS = (0.2, 0.003, 0.02)
+STEADY = 2  # px around a pixel within which a map that changes fast costs trust
+
+
+def full_scale(views: Array) -> float:
+    return {"uint8": 255.0, "uint16": 65535.0, "float32": 1.0}[views.dtype.name]
+
+
+def reference(views: Array) -> Array:
+    return np.asarray(views[views.shape[0] // 2, views.shape[1] // 2])
+
+
+def thresholds(views: Array) -> Array:
+    """Of photo-consistency, fractions of full scale; in single precision, as differences may equal them."""
+    return np.asarray(naive_photo.local_thresholds(reference(views), *THRESHOLDS), np.float32)
+
+
+def ramp(values: Array, low: float, high: float) -> Array:
+    return np.asarray(np.clip((values - low) / (high - low), 0, 1))
+
+
+def other_views(views: Array, present: Array | None) -> Iterator[tuple[int, int]]:
+    """Indices of the present views but the reference view, row by row."""
+    rows, columns = views.shape[:2]
+    for i, j in product(range(rows), range(columns)):
+        if (i, j) != (rows // 2, columns // 2) and (present is None or present[i, j]):
+            yield i, j
+
+
+def bilinear(image: Array, y: float, x: float) -> Array | None:
+    """Colour of an image (H, W, C) at (y, x), or None outside."""
+    height, width = image.shape[:2]
+    if not (0 <= y <= height - 1 and 0 <= x <= width - 1):
+        return None
+    top, left = int(np.floor(y)), int(np.floor(x))
+    bottom, right = min(top + 1, height - 1), min(left + 1, width - 1)
+    fy, fx = y - top, x - left
+    upper = (1 - fx) * image[top, left].astype(float) + fx * image[top, right]
+    lower = (1 - fx) * image[bottom, left].astype(float) + fx * image[bottom, right]
+    return np.asarray((1 - fy) * upper + fy * lower)
+
+
+# Exact visibility
+
+
+def splat(disparity: Array, grid: tuple[int, int]) -> Array:
+    """Nearest surface at every pixel of every view (V, U, H, W), whole parts; EMPTY where none is known."""
+    height, width = disparity.shape
+    nearest = np.full((*grid, height, width), visibility_kernels.EMPTY, np.int64)
+    for i, j, y, x in product(range(grid[0]), range(grid[1]), range(height), range(width)):
+        to_x = int(np.floor(x - (j - grid[1] // 2) * float(disparity[y, x]) + 0.5))
+        to_y = int(np.floor(y - (i - grid[0] // 2) * float(disparity[y, x]) + 0.5))
+        if 0 <= to_x < width and 0 <= to_y < height:
+            parts = int(float(disparity[y, x]) * visibility_kernels.PARTS)
+            nearest[i, j, to_y, to_x] = max(nearest[i, j, to_y, to_x], parts)
+    return nearest
+
+
+def sees(disparity: Array, plane: float, grid: tuple[int, int]) -> Array:
+    """Whether view (i, j) counts at a plane for a pixel of the reference view, (V, U, H, W).
+
+    It does if nothing nearer than the plane lies where the plane shows the pixel, or if the pixel itself is
+    in front of the plane. Left and right of the image nothing is known; above and below it repeats.
+    """
+    height, width = disparity.shape
+    nearest = splat(disparity, grid)
+    out = np.ones((*grid, height, width), bool)
+    for i, j, y, x in product(range(grid[0]), range(grid[1]), range(height), range(width)):
+        at_x = x + int(np.floor(-(j - grid[1] // 2) * plane + 0.5))
+        at_y = y + int(np.floor(-(i - grid[0] // 2) * plane + 0.5))
+        if disparity[y, x] <= plane + visibility.MARGIN and 0 <= at_x < width:
+            level = nearest[i, j, min(max(at_y, 0), height - 1), at_x]
+            out[i, j, y, x] = level <= round((plane + visibility.MARGIN) * visibility_kernels.PARTS)
+    return out
+
+
+def visible_share(
+    views: Array, plane: float, threshold: Array, disparity: Array, present: Array | None = None
+) -> Array:
+    """Share of the views that see a plane that show the reference view's colour there."""
+    rows, columns, height, width, channels = views.shape
+    present = np.ones((rows, columns), bool) if present is None else present
+    stack = naive_photo.levels(views)
+    seeing = sees(disparity, plane, (rows, columns))
+    counted, seen = np.zeros((height, width)), np.zeros((height, width))
+    for i, j in np.argwhere(present):
+        shifted = naive_photo.sample(stack[i, j], -(j - columns // 2) * plane, -(i - rows // 2) * plane)
+        apart = np.abs(shifted - reference(stack)).sum(axis=2)
+        agrees = apart < threshold.astype(np.float64) * (channels * 255 * naive_photo.UNIT)
+        counted += agrees & seeing[i, j]
+        seen += seeing[i, j]
+    return np.asarray(counted / np.maximum(seen, FEWEST_SEEING * present.sum()))
+
+
+# The joint energy, its paths and its minimum
+
+
+def sign_energy(smoothed: Array, step: float) -> Array:
+    """step · (Σ_{i<k} C̃_i + C̃_k / 2) of a profile or volume along its first axis."""
+    profile = smoothed.astype(np.float64)
+    return np.asarray(step * (np.cumsum(profile, axis=0) - profile / 2))
+
+
+def joint_energy(signs: Array, share: Array, weight: Array) -> Array:
+    """Energies (H, W, K) above the pixel's least, real numbers."""
+    energy = np.moveaxis(signs - weight * share, 0, -1)
+    return np.asarray(energy - energy.min(axis=-1, keepdims=True))
+
+
+def whole(energy: Array) -> Array:
+    """Energies as whole numbers, cut at 2 units."""
+    return np.asarray(np.minimum(energy * joint_kernels.SCALE, 2 * joint_kernels.SCALE), np.int64)
+
+
+def edge_weight(guide: Array, a: tuple[int, int], b: tuple[int, int], sharpness: float) -> float:
+    change = float(np.abs(guide[a].astype(float) - guide[b]).sum())
+    return float(np.exp(-sharpness * change))
+
+
+def walk(energies: list[Array], penalties: list[tuple[int, int]]) -> list[Array]:
+    """Costs of the best paths along a line of pixels to each plane, less the best of the pixel before.
+
+    `penalties[i]` is (slope, jump) between pixels i and i + 1.
+    """
+    costs = [energies[0]]
+    for energy, (slope, jump) in zip(energies[1:], penalties, strict=True):
+        before = costs[-1]
+        least, planes = int(before.min()), len(before)
+        here = []
+        for k in range(planes):
+            near = [int(before[n]) + slope for n in (k - 1, k + 1) if 0 <= n < planes]
+            here.append(int(energy[k]) + min(int(before[k]), *near, least + jump) - least)
+        costs.append(np.array(here))
+    return costs
+
+
+def four_paths(energy: Array, guide: Array, slope: float, jump: float, sharpness: float) -> Array:
+    """Semi-global matching (Hirschmüller 2008): whole costs (H, W, K), summed over paths from four sides."""
+    height, width = energy.shape[:2]
+    total = np.zeros(energy.shape, np.int64)
+    rows = [[(y, x) for x in range(width)] for y in range(height)]
+    columns = [[(y, x) for y in range(height)] for x in range(width)]
+    for line in rows + columns:
+        for path in (line, line[::-1]):
+            weights = [edge_weight(guide, a, b, sharpness) for a, b in zip(path[1:], path[:-1], strict=True)]
+            costs = walk([energy[p] for p in path], [(int(slope * w), int(jump * w)) for w in weights])
+            for p, cost in zip(path, costs, strict=True):
+                total[p] += cost
+    return total
+
+
+def parabola(total: Array) -> Array:
+    """Position of each pixel's least value along the last axis, between places by a parabola."""
+    best: Array = total.argmin(axis=-1)
+    position = best.astype(np.float64)
+    for p in np.ndindex(*best.shape):
+        k = int(best[p])
+        if 0 < k < total.shape[-1] - 1:
+            left, middle, right = (float(total[p][n]) for n in (k - 1, k, k + 1))
+            curvature = left - 2 * middle + right
+            position[p] += (left - right) / (2 * curvature) if curvature > 0 else 0
+    return position
+
+
+@dataclass(frozen=True)
+class Decoded:
+    disparity: Array
+    confidence: Array
+
+
+def decode(
+    plane: Array, smoothed: Array, share: Array, texture: Array, guide: Array, rule: JointRule, stride: int
+) -> Decoded:
+    """The joint decoder on every `stride`-th plane; `smoothed` and `share` are (K, H, W)."""
+    step = float(plane[0] - plane[1])
+    share = np.rint(np.clip(share[::stride], 0, 1) * 255) / 255
+    contrast = share.max(axis=0) - share.mean(axis=0)
+    weight = rule.photo_weight * ramp(contrast, *CONTRAST) * texture
+    energy = whole(joint_energy(sign_energy(smoothed, step)[::stride], share, weight))
+    slope, jump = rule.slope_penalty * stride * joint_kernels.SCALE, rule.jump_penalty * joint_kernels.SCALE
+    total = four_paths(energy, guide, slope, jump, rule.edge_sharpness)
+    return Decoded(
+        plane[0] - step * stride * parabola(total),
+        np.sqrt(naive.confidence(smoothed) * np.clip(contrast, 0, 1)),
+    )
+
+
+# Depth edges
+
+
+def surfaces(disparity: Array, y: int, x: int) -> tuple[float, float]:
+    """Nearest and farthest disparity of the 3 × 3 pixels."""
+    window = disparity[y - 1 : y + 2, x - 1 : x + 2].astype(np.float64)
+    return float(window.max()), float(window.min())
+
+
+def front_colour(disparity: Array, image: Array, y: int, x: int) -> tuple[Array, float] | None:
+    """Weighted mean colour of the nearer surface's pixels around (y, x), and its variance over channels."""
+    height, width = disparity.shape
+    near, far = surfaces(disparity, y, x)
+    reach, blur = edges_kernels._REACH, float(edges_kernels._BLUR)
+    found = []
+    for row, column in product(range(y - reach, y + reach + 1), range(x - reach, x + reach + 1)):
+        inside = 1 <= row < height - 1 and 1 <= column < width - 1 and (row, column) != (y, x)
+        if not inside or abs(float(disparity[row, column]) - near) > INSIDE * (near - far):
+            continue
+        weight = float(np.exp(-((row - y) ** 2 + (column - x) ** 2) / (2 * blur**2)))
+        if surfaces(disparity, row, column)[1] < (near + far) / 2:
+            weight *= float(edges_kernels._FRINGE)
+        found.append((weight, image[row, column].astype(np.float64)))
+    if not found:
+        return None
+    weights = np.array([weight for weight, _ in found])
+    colours = np.array([colour for _, colour in found])
+    mean = weights @ colours / weights.sum()
+    return mean, float((weights @ (colours - mean) ** 2 / weights.sum()).sum())
+
+
+def samples_at(
+    views: Array, present: Array | None, y: int, x: int, disparity: float
+) -> Iterator[tuple[tuple[int, int], tuple[float, float], Array]]:
+    """View, place (y, x) in it and colour there of a pixel at a disparity, in other views that hold it."""
+    for i, j in other_views(views, present):
+        at = (y - (i - views.shape[0] // 2) * disparity, x - (j - views.shape[1] // 2) * disparity)
+        colour = bilinear(views[i, j], *at)
+        if colour is not None:
+            yield (i, j), at, colour
+
+
+def back_samples(
+    views: Array, present: Array | None, nearest: Array, y: int, x: int, near: float, far: float
+) -> list[Array]:
+    """Colours at the far disparity where nothing nearer than halfway was splatted."""
+    horizon = (near + far) / 2 * visibility_kernels.PARTS
+    return [
+        colour
+        for (i, j), at, colour in samples_at(views, present, y, x, far)
+        if nearest[i, j, int(at[0] + 0.5), int(at[1] + 0.5)] <= horizon
+    ]
+
+
+def decide_edge(
+    disparity: Array,
+    levels: Array,
+    present: Array | None,
+    nearest: Array,
+    threshold: Array,
+    rule: EdgeRule,
+    y: int,
+    x: int,
+) -> float:
+    """The pixel's disparity after one pass; `levels` are views in 8-bit levels."""
+    here = float(disparity[y, x])
+    near, far = surfaces(disparity, y, x)
+    image, channels = reference(levels), levels.shape[-1]
+    behind = back_samples(levels, present, nearest, y, x, near, far)
+    front = front_colour(disparity, image, y, x)
+    if front is None or len(behind) < edges_kernels._FEW_VIEWS:
+        return here
+    front_mean, front_variance = front
+    back_mean = np.mean(behind, axis=0)
+    # A normal spread's standard deviation is √(π/2) times its mean deviation.
+    back_variance = float((np.pi / 2 * np.mean(np.abs(behind - back_mean), axis=0) ** 2).sum())
+    apart = float(((front_mean - back_mean) ** 2).sum())
+    if apart < float(edges_kernels._SAME) * channels:
+        return here
+    own = image[y, x].astype(np.float64)
+    is_front = here > (near + far) / 2
+    mine = [c for _, _, c in samples_at(levels, present, y, x, near)] if is_front else behind
+    agree = [float(np.abs(c - own).sum()) < channels * 255 * float(threshold[y, x]) for c in mine]
+    doubt = 1 + rule.inertia * (sum(agree) / max(len(agree), 1))
+    least = rule.spread**2 * apart + 1
+    to_back = float(((own - back_mean) ** 2).sum()) / (back_variance + least)
+    to_front = float(((own - front_mean) ** 2).sum()) / (front_variance + least)
+    if is_front:
+        return far if to_back * doubt < to_front else here
+    return near if to_front * doubt <= to_back else here
+
+
+def edge_pixels(disparity: Array, rule: EdgeRule) -> Array:
+    """Pixels beside a depth edge (H, W)."""
+    found = np.zeros(disparity.shape, bool)
+    for y, x in product(range(1, disparity.shape[0] - 1), range(1, disparity.shape[1] - 1)):
+        near, far = surfaces(disparity, y, x)
+        found[y, x] = near - far >= rule.jump
+    return found
+
+
+def move_edges(disparity: Array, views: Array, rule: EdgeRule, present: Array | None = None) -> Array:
+    """One pass over the depth edges."""
+    levels = views.astype(np.float64) * (255 / full_scale(views))
+    nearest, limits = splat(disparity, (views.shape[0], views.shape[1])), thresholds(views)
+    out = disparity.copy()
+    for y, x in np.argwhere(edge_pixels(disparity, rule)):
+        out[y, x] = decide_edge(disparity, levels, present, nearest, limits, rule, int(y), int(x))
+    return out
+
+
+def settle(
+    disparity: Array, views: Array, rule: EdgeRule, present: Array | None = None
+) -> tuple[Array, Array]:
+    """Median and passes over the edges: the map, and where an edge was found."""
+    guide = reference(views) / full_scale(views)
+    settled, _ = naive_photo.weighted_median(disparity, guide, *edges._MEDIAN)
+    found = np.zeros(disparity.shape, bool)
+    for _ in range(rule.passes):
+        found |= edge_pixels(settled, rule)
+        settled = move_edges(settled, views, rule, present)
+    return settled, found
+
+
+def trust(disparity: Array, at_edge: Array) -> Array:
+    """Factor of the confidence: less at depth edges, and where the map changes fast within two pixels."""
+    out = np.empty(disparity.shape)
+    for y, x in np.ndindex(*disparity.shape):
+        window = disparity[max(y - STEADY, 0) : y + STEADY + 1, max(x - STEADY, 0) : x + STEADY + 1]
+        unsteady = float(window.max() - window.min()) / edges._UNSTEADY
+        out[y, x] = (edges._EDGE_TRUST if at_edge[y, x] else 1) / np.sqrt(1 + unsteady**2)
+    return out
+
+
+# Noise
+
+
+def residuals(views: Array, plane: Array, places: list[tuple[int, int]], present: Array | None) -> Array:
+    """Least mean absolute difference over planes, pixel by pixel, fractions of full scale; inf where none."""
+    out = []
+    for y, x in places:
+        own = reference(views)[y, x].astype(np.float64)
+        by_plane = []
+        for disparity in plane:
+            colours = [c for _, _, c in samples_at(views, present, y, x, float(disparity))]
+            by_plane.append(np.mean(np.abs(colours - own)) if colours else np.inf)
+        out.append(min(by_plane))
+    return np.array(out) / full_scale(views)
+
+
+def residual_level(views: Array, plane: Array, present: Array | None = None) -> float:
+    """A low quantile of the residuals on a regular grid of about so many pixels, every other plane."""
+    height, width = views.shape[2:4]
+    spacing = max(int(np.sqrt(height * width / noise._SAMPLES)), 1)
+    places = list(
+        product(range(spacing // 2, height, spacing), range(spacing // 2, width, spacing)),
+    )
+    found = residuals(views, plane[::2], places, present)
+    return float(np.quantile(found[np.isfinite(found)], RESIDUAL_QUANTILE))
+
+
+def texture_weight(views: Array, level: float) -> Array:
+    """Where the mean contrast over a window is above the residual level."""
+    change = naive_photo.local_thresholds(reference(views), TEXTURE_SLOPE, 1e-6, 0.5)
+    return ramp(naive.box_mean(change, noise._WINDOW) / max(level, 1e-6), *TEXTURE)
+
+
+# All of it
+
+
+def estimate(
+    views: Array, disparity_range: tuple[float, float], method: Method, present: Array | None = None
+) -> Decoded:
+    """The whole method "fbs-vis"."""
+    assert method.step is not None
+    plane = naive.planes(disparity_range, method.step)
+    guide = naive.guide_image(views, method.guide)
+    smooth = naive.GuidedFilter(guide, method.radius, method.epsilon)
+    _, smoothed = naive.algorithm_1(
+        views,
+        plane,
+        None,
+        smooth,
+        normalise=method.normalise,
+        present=present,
+        delta=method.delta,
+        threshold=method.threshold,
+        gradient=method.gradient,
+    )
+    rule = JointRule(
+        photo_weight=method.photo_weight,
+        slope_penalty=method.slope_penalty,
+        jump_penalty=method.jump_penalty,
+    )
+    edge_rule = EdgeRule(passes=method.edge_passes)
+    texture = texture_weight(views, residual_level(views, plane, present))
+    limits = thresholds(views)
+    share = np.stack([smooth(naive_photo.photo_consistency(views, d, limits, present)) for d in plane])
+    first = decode(plane, smoothed, share, texture, guide, rule, stride=2 if len(plane) >= 6 else 1)
+    rough, _ = settle(first.disparity, views, edge_rule, present)
+    share = np.stack([smooth(visible_share(views, d, limits, rough, present)) for d in plane])
+    second = decode(plane, smoothed, share, texture, guide, rule, stride=1)
+    settled, found = settle(second.disparity, views, edge_rule, present)
+    return Decoded(np.clip(settled, *disparity_range), trust(settled, found) * second.confidence)

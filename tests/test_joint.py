@@ -1,0 +1,335 @@
+"""The joint decoder against the oracle: energies, paths, minimum, and the laws of what comes of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import fields
+import naive
+import naive_photo
+import naive_vis
+from lfdepth.lightfield import LightField
+from lfdepth.methods import Method, method
+from lfdepth.sweep import joint
+from lfdepth.sweep.joint import JointEnergy, JointRule
+from lfdepth.sweep.joint_kernels import (
+    SCALE,
+    decode_kernel,
+    energy_kernel,
+    horizontal_kernel,
+    store_photo_kernel,
+    store_signs_kernel,
+    vertical_kernel,
+)
+from lfdepth.sweep.parallel import Workers
+from lfdepth.sweep.run import estimate
+from lfdepth.sweep.smoothing import GuidedFilter
+
+Array = fields.Array
+
+CUT = 2 * SCALE
+SHAPES = [(6, 9, 3), (5, 33, 4), (8, 7, 12), (1, 10, 5), (10, 1, 5)]
+
+
+def level_guide(rng: np.random.Generator, size: tuple[int, int], channels: int) -> Array:
+    """A guide of a few levels, whose differences are exact: most neighbours are alike, some all but."""
+    levels = rng.choice([0, 0, 0, 1, 2, 8], (*size, channels))
+    return np.asarray(levels / 64, np.float32)
+
+
+def random_energy(rng: np.random.Generator, shape: tuple[int, int, int]) -> Array:
+    """Whole energies with a zero at every pixel; some flat, some cut."""
+    energy = rng.integers(0, CUT, shape) * rng.choice([0, 1], (*shape[:2], 1), p=[0.2, 0.8])
+    energy = np.where(rng.random(shape) < 0.2, CUT, energy)
+    return np.asarray(energy - energy.min(axis=-1, keepdims=True), np.int16)
+
+
+def path_total(
+    energy: Array, guide: Array, slope: float, jump: float, sharpness: float, threads: int = 1
+) -> Array:
+    """Costs over paths from four sides."""
+    total = np.zeros_like(energy)
+    penalties = (np.float32(slope), np.float32(jump), np.float32(sharpness))
+    with Workers(threads) as workers:
+        workers.rows(energy.shape[0], horizontal_kernel, energy, total, guide, *penalties)
+        workers.rows(energy.shape[1], vertical_kernel, energy, total, guide, *penalties)
+    return total
+
+
+def positions(total: Array, threads: int = 1) -> Array:
+    out = np.empty(total.shape[:2], np.float32)
+    with Workers(threads) as workers:
+        workers.rows(len(total), decode_kernel, total, out)
+    return out
+
+
+# Blocks against the oracle
+
+
+@pytest.mark.parametrize("planes", [3, 4, 17])
+def test_sign_energies_agree_with_the_oracle(planes: int) -> None:
+    rng = np.random.default_rng(planes)
+    volume = rng.uniform(-1, 1, (planes, 5, 33)).astype(np.float32)
+    running, lowest = np.zeros((5, 33), np.float32), np.zeros((5, 33), np.float32)
+    signs = np.empty_like(volume)
+    for k in range(planes):
+        store_signs_kernel(0, 5, np.float32(0.06), volume[k], running, lowest, signs[k])
+    np.testing.assert_allclose(signs, naive_vis.sign_energy(volume, 0.06), atol=1e-6)
+    sums = np.cumsum(volume.astype(np.float64), axis=0)
+    np.testing.assert_allclose(running, 0.06 * sums[-1], atol=1e-6)
+    np.testing.assert_allclose(lowest, 0.06 * np.minimum(sums.min(axis=0), 0), atol=1e-6)
+
+
+def test_shares_are_kept_in_255ths() -> None:
+    share = np.array([[-0.2, 0.0, 0.49 / 255, 0.51 / 255, 0.5, 254.6 / 255, 1.0, 1.3]], np.float32)
+    levels = np.empty(share.shape, np.uint8)
+    store_photo_kernel(0, 1, share, levels)
+    np.testing.assert_array_equal(levels, [[0, 0, 0, 1, 128, 255, 255, 255]])
+
+
+@pytest.mark.parametrize("stride", [1, 2])
+@pytest.mark.parametrize("weight", [0.0, 0.7, 3.0])
+def test_joint_energies_agree_with_the_oracle(weight: float, stride: int) -> None:
+    """Rounding may fall to either side, by one of the energy's parts."""
+    rng = np.random.default_rng(3)
+    signs = np.cumsum(rng.uniform(-0.4, 0.4, (13, 6, 35)), axis=0).astype(np.float32)[::stride]
+    shares = rng.integers(0, 256, (13, 6, 35)).astype(np.uint8)[::stride]
+    weights = (weight * rng.random((6, 35))).astype(np.float32)
+    found = np.empty((6, 35, len(signs)), np.int16)
+    energy_kernel(0, 6, signs, shares, weights, found)
+    expected = naive_vis.joint_energy(signs.astype(np.float64), shares / 255, weights)
+    assert np.abs(found - naive_vis.whole(expected)).max() <= 1
+    assert found.min(axis=-1).max() == 0
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize(
+    ("slope", "jump"), [(0.0, 0.0), (251.0, 1301.0), (483.0, float(CUT)), (901.0, 300.0)]
+)
+def test_paths_agree_with_the_oracle(
+    shape: tuple[int, int, int], slope: float, jump: float, channels: int
+) -> None:
+    """Whole numbers: no cost may differ."""
+    rng = np.random.default_rng([*shape, int(slope), channels])
+    energy, guide = random_energy(rng, shape), level_guide(rng, shape[:2], channels)
+    for sharpness in (0.0, 2.1, 40.0):
+        expected = naive_vis.four_paths(energy, guide, slope, jump, sharpness)
+        np.testing.assert_array_equal(path_total(energy, guide, slope, jump, sharpness), expected)
+
+
+def test_four_paths_of_the_dearest_energies_fit_16_bits() -> None:
+    """Every path pays the largest jump, and then the dearest energy; all others are free elsewhere."""
+    energy = np.zeros((9, 9, 5), np.int16)
+    energy[..., 1:] = CUT
+    energy[4, 4] = [CUT, CUT, CUT, CUT, 0]
+    guide = np.zeros((9, 9, 1), np.float32)
+    total = path_total(energy, guide, CUT, CUT, 0.0)
+    np.testing.assert_array_equal(total, naive_vis.four_paths(energy, guide, CUT, CUT, 0.0))
+    assert total[4, 3, 2] > CUT
+    assert total.max() == 4 * 2 * CUT
+
+
+@pytest.mark.parametrize("planes", [3, 4, 30])
+def test_minima_agree_with_the_oracle(planes: int) -> None:
+    rng = np.random.default_rng(planes)
+    total = rng.integers(0, 32000, (6, 35, planes)).astype(np.int16)
+    total[0] = rng.integers(0, 3, (35, planes))  # ties: the first minimum counts
+    total[1] = 7
+    np.testing.assert_allclose(positions(total), naive_vis.parabola(total), atol=1e-5)
+
+
+def test_a_parabola_is_found_where_it_is() -> None:
+    """Truth: energies that are a parabola of the plane."""
+    k, place = np.arange(9.0), np.linspace(0.6, 7.4, 40)
+    total = np.rint(400 * (k - place[:, None]) ** 2).astype(np.int16)[None]
+    np.testing.assert_allclose(positions(total)[0], place, atol=2e-3)
+
+
+def test_threads_change_no_path() -> None:
+    rng = np.random.default_rng(4)
+    energy, guide = random_energy(rng, (31, 37, 6)), level_guide(rng, (31, 37), 3)
+    one = path_total(energy, guide, 240.0, 2000.0, 20.0)
+    for threads in (2, 3, 5):
+        many = path_total(energy, guide, 240.0, 2000.0, 20.0, threads)
+        np.testing.assert_array_equal(many, one)
+        np.testing.assert_array_equal(positions(many, threads), positions(one))
+
+
+def test_without_penalties_every_pixel_is_on_its_own() -> None:
+    rng = np.random.default_rng(5)
+    energy = random_energy(rng, (7, 9, 8))
+    guide = level_guide(rng, (7, 9), 1)
+    np.testing.assert_array_equal(path_total(energy, guide, 0.0, 0.0, 20.0), 4 * energy)
+
+
+def test_a_pixel_without_evidence_takes_its_neighbours_plane() -> None:
+    energy = np.full((5, 7, 6), 900, np.int16)
+    energy[..., 4] = 0
+    energy[2, 3] = 0
+    total = path_total(energy, np.zeros((5, 7, 1), np.float32), 200.0, 1500.0, 20.0)
+    np.testing.assert_array_equal(total.argmin(axis=-1), 4)
+
+
+def test_paths_do_not_cross_an_edge_of_the_reference_view() -> None:
+    """Half of it without evidence: filled where the guide is even, left alone behind an edge."""
+    energy = np.zeros((4, 12, 6), np.int16)
+    energy[:, :6] = 900
+    energy[:, :6, 2] = 0
+    guide = np.zeros((4, 12, 1), np.float32)
+    even = path_total(energy, guide, 200.0, 1500.0, 20.0)
+    np.testing.assert_array_equal(even.argmin(axis=-1), 2)
+    guide[:, 6:] = 1
+    torn = path_total(energy, guide, 200.0, 1500.0, 20.0)
+    np.testing.assert_array_equal(torn[:, 6:], 0)
+
+
+# The decoder
+
+
+RANGE = (-1.0, 1.2)
+
+
+def collect(
+    lf: LightField, plane: Array, volume: Array, rule: JointRule, stride: int, guide: Array
+) -> JointEnergy:
+    decoder = JointEnergy(lf, plane, GuidedFilter(guide.astype(np.float32), 2, 1e-3), rule, stride=stride)
+    with Workers(1) as workers:
+        for k, smoothed in enumerate(volume):
+            decoder.update(k, smoothed, workers)
+    return decoder
+
+
+@pytest.mark.parametrize("stride", [1, 2])
+@pytest.mark.parametrize("dtype", fields.DTYPES)
+@pytest.mark.parametrize(
+    ("grid", "channels", "size", "planes"),
+    [((3, 4), 3, (14, 33), 9), ((1, 5), 1, (20, 13), 6), ((5, 5), 3, (11, 12), 3), ((4, 3), 1, (9, 31), 5)],
+)
+def test_decoders_agree_with_the_oracle(
+    grid: tuple[int, int], channels: int, size: tuple[int, int], planes: int, dtype: str, stride: int
+) -> None:
+    """Both passes. An energy rounded otherwise moves a parabola a little, rarely more."""
+    rng = np.random.default_rng([*grid, channels, planes])
+    present = fields.random_present(rng, grid) if dtype == "uint8" else None
+    lf = fields.light_field(rng, grid, size, channels, dtype, present=present)
+    plane = np.linspace(1.21, -1.013, planes)  # so that no surface lies at the margin's very end
+    # Profiles as they are, one step from −1 to +1, with noise.
+    surface = np.rint(64 * rng.uniform(-0.8, 1.0, size)) / 64
+    profiles = np.sign(surface - plane[:, None, None]) + rng.normal(0, 0.5, (planes, *size))
+    volume = np.clip(profiles, -1, 1).astype(np.float32)
+    guide = naive.guide_image(lf.views, "colour")
+    rule = JointRule()
+    decoder = collect(lf, plane, volume, rule, stride, guide)
+    smooth = naive.GuidedFilter(guide, 2, 1e-3)
+    limits = naive_vis.thresholds(lf.views)
+    shares = np.stack([smooth(naive_photo.photo_consistency(lf.views, d, limits, present)) for d in plane])
+    texture = naive_vis.texture_weight(lf.views, naive_vis.residual_level(lf.views, plane, present))
+    used = stride if planes >= 3 * stride else 1
+    assert decoder.stride == used
+    expected = naive_vis.decode(plane, volume, shares, texture, guide, rule, used)
+    rough = surface.astype(np.float32)
+    with Workers(1) as workers:
+        compare(decoder.decide(workers), expected, float(plane[0] - plane[1]) * used)
+        assert list(decoder.recount(rough, workers)) == list(range(planes))
+        again = decoder.decide(workers)
+    shares = np.stack([smooth(naive_vis.visible_share(lf.views, d, limits, rough, present)) for d in plane])
+    expected = naive_vis.decode(plane, volume, shares, texture, guide, rule, 1)
+    compare(again, expected, float(plane[0] - plane[1]))
+
+
+def compare(found: tuple[Array, Array], expected: naive_vis.Decoded, step: float) -> None:
+    disparity, confidence = found
+    apart = np.abs(disparity - expected.disparity)
+    assert np.mean(apart > 0.02 * step) < 0.02
+    np.testing.assert_allclose(confidence, expected.confidence, atol=5e-3)
+
+
+def test_the_decoder_weighs_what_the_rule_says() -> None:
+    """Without photo-consistency and penalties it is the parabola on the running sum: sign approximation."""
+    rng = np.random.default_rng(7)
+    lf = fields.light_field(rng, (3, 3), (20, 24), 3)
+    plane = np.linspace(1.2, -1.0, 23)
+    surface = rng.uniform(-0.5, 0.7, (20, 24))
+    profiles: Array = np.clip((surface - plane[:, None, None]) / 0.3, -1, 1)
+    volume = profiles.astype(np.float32)
+    rule = JointRule(photo_weight=0.0, slope_penalty=0.0, jump_penalty=0.0)
+    decoder = collect(lf, plane, volume, rule, 1, naive.guide_image(lf.views, "colour"))
+    with Workers(1) as workers:
+        disparity, _ = decoder.decide(workers)
+    total = np.moveaxis(naive_vis.sign_energy(volume, 0.1), 0, -1)
+    np.testing.assert_allclose(disparity, plane[0] - 0.1 * naive_vis.parabola(total), atol=0.005)
+
+
+# The method without its treatment of edges
+
+
+def plain(**options: Any) -> Method:
+    """The joint decoder alone, on every plane."""
+    return method("fbs-vis", occlusion="none", **options)
+
+
+def scene(seed: int = 1, **options: Any) -> LightField:
+    return fields.light_field(
+        np.random.default_rng(seed), (5, 5), (40, 44), 3, disparity_range=RANGE, **options
+    )
+
+
+def test_the_running_sums_parabola_decides_when_nothing_else_weighs() -> None:
+    weightless = plain(photo_weight=0, slope_penalty=0, jump_penalty=0, step=0.1)
+    result = estimate(scene(), weightless, keep_volume=True)
+    assert result.volumes is not None
+    total = np.moveaxis(naive_vis.sign_energy(result.volumes.smoothed, 0.1), 0, -1)
+    expected = np.clip(result.volumes.planes[0] - 0.1 * naive_vis.parabola(total), *RANGE)
+    clear = np.sort(total, axis=-1)[..., 1] - total.min(axis=-1) > 2 / SCALE
+    close = np.abs(result.disparity - expected) < 0.02
+    assert close[clear].mean() > 0.99
+    assert clear.mean() > 0.8
+
+
+def test_sign_function_approximation_is_the_limit_of_no_weight() -> None:
+    """λ = 0: up to the interpolation between planes both decoders see one minimum of the running sum."""
+    joint_map = estimate(scene(2), plain(photo_weight=0, slope_penalty=0, jump_penalty=0)).disparity
+    sign_map = estimate(scene(2), "fbs-sfa", step=0.06).disparity
+    assert np.mean(np.abs(joint_map - sign_map) < 0.06) > 0.95
+
+
+@pytest.mark.parametrize("decoder", ["none", "skip-mask", "visibility"])
+def test_photo_consistency_changes_nothing_where_there_is_no_texture(decoder: Any) -> None:
+    lf = LightField(np.full((5, 5, 30, 34, 3), 90, np.uint8), disparity_range=RANGE)
+    result = estimate(lf, "fbs-vis", occlusion=decoder)
+    assert result.confidence.max() == 0
+    assert np.unique(result.disparity).size == 1
+
+
+@pytest.mark.parametrize(
+    "times", [2, pytest.param(25, marks=pytest.mark.xfail(reason="the penalty exceeds 16 bits"))]
+)
+def test_a_slope_dearer_than_a_jump_is_never_paid(times: int) -> None:
+    jump = method("fbs-vis").jump_penalty
+    expected = estimate(scene(3), plain(slope_penalty=jump)).disparity
+    found = estimate(scene(3), plain(slope_penalty=times * jump)).disparity
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_the_rules_defaults_are_the_methods() -> None:
+    chosen, rule = method("fbs-vis"), joint.JointRule()
+    for name in ("photo_weight", "slope_penalty", "jump_penalty"):
+        assert getattr(chosen, name) == getattr(rule, name), name
+
+
+def test_penalties_make_the_map_smoother() -> None:
+    """Total variation falls as penalties rise, in the mean over pixels."""
+
+    noise = np.random.default_rng(4).normal(128, 6, (5, 5, 40, 44, 3))
+    lf = LightField(np.rint(noise).astype(np.uint8), disparity_range=RANGE)
+
+    def roughness(scale: float) -> float:
+        found = estimate(lf, plain(slope_penalty=0.1 * scale, jump_penalty=scale)).disparity
+        return float(np.abs(np.diff(found, axis=0)).mean() + np.abs(np.diff(found, axis=1)).mean())
+
+    loose, middle, stiff = (roughness(scale) for scale in (0.0, 0.2, 2.0))
+    assert loose > middle > stiff

@@ -1,0 +1,223 @@
+"""Exact visibility: splatted maps and the votes of the views that see a plane, against oracle and truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import fields
+import naive_vis
+from lfdepth.lightfield import LightField
+from lfdepth.sweep.parallel import Workers
+from lfdepth.sweep.photo import local_thresholds, photo_consistency, photo_plane, prepare_colours
+from lfdepth.sweep.visibility import MARGIN, nearest_surfaces
+from lfdepth.sweep.visibility_kernels import EMPTY, PARTS
+
+Array = fields.Array
+
+GRIDS = [(3, 3), (5, 5), (4, 6), (1, 5), (7, 1)]
+
+
+def random_map(rng: np.random.Generator, size: tuple[int, int], reach: float = 2.0) -> Array:
+    """Two uneven surfaces with ragged edges; sixty-fourths are exact in either precision."""
+    near = fields.random_mask(rng, size)
+    disparity = np.where(near, reach / 2, -reach / 2) + rng.uniform(-reach / 2, reach / 2, size)
+    return np.asarray(np.rint(disparity * 64) / 64, np.float32)
+
+
+def splatted(disparity: Array, grid: tuple[int, int], threads: int = 1, margin: int = 0) -> Array:
+    """Nearest surfaces (V, U, H, W)."""
+    height, width = disparity.shape
+    with Workers(threads) as workers:
+        nearest = nearest_surfaces(disparity, grid, margin, width + 2 * margin, workers)
+    rows = nearest.data.reshape(grid[0], height, grid[1], width + 2 * margin)
+    assert (rows[..., :margin] == EMPTY).all()
+    assert (rows[..., margin + width :] == EMPTY).all()
+    return np.asarray(rows[..., margin : margin + width].swapaxes(1, 2))
+
+
+def share(
+    lf: LightField, plane: float, disparity: Array, threads: int = 1, thresholds: Array | None = None
+) -> Array:
+    """Photo-consistency at a plane in the views that see past a map."""
+    stack = prepare_colours(lf, max(abs(plane), 2.0))
+    out = np.empty(stack.size, np.float32)
+    limits = local_thresholds(lf.reference) if thresholds is None else thresholds
+    with Workers(threads) as workers:
+        nearest = nearest_surfaces(disparity, stack.grid, stack.margin, stack.row_length, workers)
+        photo_plane(stack, plane, limits, workers, out, nearest)
+    return out
+
+
+@pytest.mark.parametrize("margin", [0, 3])
+@pytest.mark.parametrize("grid", GRIDS)
+def test_splats_agree_with_the_oracle(grid: tuple[int, int], margin: int) -> None:
+    rng = np.random.default_rng([*grid, margin])
+    disparity = random_map(rng, (13, 18))
+    np.testing.assert_array_equal(splatted(disparity, grid, margin=margin), naive_vis.splat(disparity, grid))
+
+
+def test_a_bar_hides_the_wall_where_worked_out_by_hand() -> None:
+    """A bar at disparity 2 in columns 5 to 7, a wall at 0: view u has it in columns 5 − 2u to 7 − 2u."""
+    disparity = np.zeros((4, 12), np.float32)
+    disparity[:, 5:8] = 2
+    found = splatted(disparity, (3, 3))
+    bar, wall, nothing = 2 * PARTS, 0, EMPTY
+    # What the bar uncovers in view u = ±1, columns 7 and 6 or 5 and 6, no pixel of the reference view shows.
+    by_hand = {
+        -1: [wall] * 5 + [nothing] * 2 + [bar] * 3 + [wall] * 2,
+        0: [wall] * 5 + [bar] * 3 + [wall] * 4,
+        1: [wall] * 3 + [bar] * 3 + [nothing] * 2 + [wall] * 4,
+    }
+    for v in (-1, 0, 1):
+        for u, columns in by_hand.items():
+            # In view v the bar moves by 2v rows; where it leaves, nothing is known of what is behind it.
+            for y in range(4):
+                bars_row = 0 <= y + 2 * v < 4
+                expected = columns if bars_row else [wall] * 5 + [nothing] * 3 + [wall] * 4
+                np.testing.assert_array_equal(found[v + 1, u + 1, y], expected, f"{v} {u} {y}")
+
+
+def test_the_nearest_surface_wins() -> None:
+    disparity = np.array(
+        [[0, 1, 2, 3, 0, 0]], np.float32
+    )  # in view u = 1, all of the first four land at x = 0
+    np.testing.assert_array_equal(splatted(disparity, (1, 3))[0, 2, 0], [3000, EMPTY, EMPTY, EMPTY, 0, 0])
+
+
+@pytest.mark.parametrize("plane", [-0.6, 0.0, 0.5])
+def test_pixels_in_front_of_a_plane_are_told_by_the_margin(plane: float) -> None:
+    disparity = np.array([[plane - 1, plane, plane + 0.9 * MARGIN, plane + 1.1 * MARGIN]], np.float32)
+    with Workers(1) as workers:
+        front, horizon = nearest_surfaces(disparity, (3, 3), 0, 4, workers).in_front(plane)
+    np.testing.assert_array_equal(front, [[0, 0, 0, 1]])
+    assert horizon == round((plane + MARGIN) * PARTS)
+
+
+@pytest.mark.parametrize("dtype", fields.DTYPES)
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("grid", GRIDS)
+def test_visible_shares_agree_with_the_oracle(grid: tuple[int, int], channels: int, dtype: str) -> None:
+    rng = np.random.default_rng([*grid, channels, len(dtype)])
+    size = (int(rng.integers(5, 14)), int(rng.choice([9, 20, 31, 32, 33])))
+    present = fields.random_present(rng, grid) if dtype != "uint16" else None
+    lf = fields.light_field(rng, grid, size, channels, dtype, "scene", present)
+    disparity = random_map(rng, size)
+    thresholds = rng.uniform(0.02, 0.3, size).astype(np.float32)
+    for plane in (-0.9, 0.33, 1.2):
+        expected = naive_vis.visible_share(lf.views, plane, thresholds, disparity, present)
+        found = share(lf, plane, disparity, thresholds=thresholds)
+        np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def two_layers() -> tuple[LightField, Array]:
+    """A dark bar at disparity 1 before a bright, even wall at 0, and the exact map."""
+    views = np.full((5, 5, 14, 20, 3), 200, np.uint8)
+    disparity = np.zeros((14, 20), np.float32)
+    disparity[:, 9:12] = 1
+    for u in range(-2, 3):
+        views[:, u + 2, :, 9 - u : 12 - u] = 30
+    return LightField(views), disparity
+
+
+def test_an_occluder_hides_the_wall_in_the_views_worked_out_by_hand() -> None:
+    """At the wall's plane view u shows the bar at columns 9 − u to 11 − u.
+
+    There the wall's pixels lose that view: columns 7 and 8 lose views on one side, 12 and 13 on the other.
+    With exact visibility these views do not count, and all others agree. What lies above and below the map,
+    and moves into other views, is unknown.
+    """
+    lf, disparity = two_layers()
+    wall = disparity == 0
+    wall[:2], wall[-2:] = False, False
+    blind = photo_consistency(lf, 0.0)
+    lost = np.zeros(20)  # of the five columns of views
+    lost[[7, 13]], lost[[8, 12]] = 1, 2
+    np.testing.assert_allclose(blind[wall], np.broadcast_to(1 - lost / 5, wall.shape)[wall], rtol=1e-6)
+    np.testing.assert_array_equal(share(lf, 0.0, disparity)[wall], 1)
+    seen = naive_vis.sees(disparity, 0.0, (5, 5))
+    np.testing.assert_array_equal(5 - seen[2].sum(axis=0)[wall], np.broadcast_to(lost, wall.shape)[wall])
+
+
+def test_a_surface_goes_on_voting_behind_itself() -> None:
+    """A pixel in front of a plane keeps all views, or the plane would look right to it."""
+    lf, disparity = two_layers()
+    bar = disparity == 1
+    np.testing.assert_array_equal(share(lf, 0.0, disparity)[bar], photo_consistency(lf, 0.0)[bar])
+
+
+def test_a_flat_map_hides_nothing() -> None:
+    rng = np.random.default_rng(5)
+    lf = fields.light_field(rng, (4, 5), (18, 40), 3)
+    flat = np.full((18, 40), 0.25, np.float32)
+    for plane in (-1.0, 0.25, 0.3, 1.5):
+        np.testing.assert_array_equal(share(lf, plane, flat), photo_consistency(lf, plane))
+
+
+def test_few_views_are_not_enough() -> None:
+    """Where hardly any view sees a plane, the share is of a part of all views, not of those alone."""
+    lf, disparity = two_layers()
+    hidden = disparity.copy()
+    hidden[:] = 1
+    hidden[7, 10] = 0  # a hole in a wall at 1: only the reference view sees through it
+    found = share(lf, 0.0, hidden, thresholds=np.full((14, 20), 0.5, np.float32))
+    assert found[7, 10] == pytest.approx(1 / (25 * naive_vis.FEWEST_SEEING))
+
+
+def test_threads_change_nothing() -> None:
+    rng = np.random.default_rng(6)
+    lf = fields.light_field(rng, (4, 5), (70, 40), 3)
+    disparity = random_map(rng, (70, 40))
+    one, votes = splatted(disparity, (4, 5)), share(lf, 0.4, disparity)
+    for threads in (2, 3, 5):
+        np.testing.assert_array_equal(splatted(disparity, (4, 5), threads), one)
+        np.testing.assert_array_equal(share(lf, 0.4, disparity, threads), votes)
+
+
+def test_transposing_the_views_transposes_splats() -> None:
+    disparity = random_map(np.random.default_rng(7), (30, 37))
+    turned = np.ascontiguousarray(disparity.T)
+    np.testing.assert_array_equal(splatted(turned, (4, 5)), splatted(disparity, (5, 4)).transpose(1, 0, 3, 2))
+
+
+BORDER = pytest.mark.xfail(reason="a view beside the picture sees everything, above and below it its border")
+
+
+@pytest.mark.parametrize("border", [2, pytest.param(0, marks=BORDER)])
+@pytest.mark.parametrize("plane", [-0.75, 0.5])
+def test_transposing_the_views_transposes_shares(plane: float, border: int) -> None:
+    rng = np.random.default_rng(7)
+    lf = fields.light_field(rng, (5, 4), (30, 37), 3)
+    disparity = random_map(rng, (30, 37))
+    moved = LightField(np.ascontiguousarray(lf.views.transpose(1, 0, 3, 2, 4)))
+    found = share(moved, plane, np.ascontiguousarray(disparity.T))
+    inner = (slice(border, 37 - border), slice(border, 30 - border))
+    np.testing.assert_array_equal(found[inner], share(lf, plane, disparity).T[inner])
+
+
+FAR = pytest.mark.xfail(
+    reason="disparities below -32 px saturate above their plane, and every view is hidden"
+)
+
+
+@pytest.mark.parametrize("disparity", [-30.0, 35.0, pytest.param(-35.0, marks=FAR)])
+def test_a_flat_map_hides_nothing_however_far(disparity: float) -> None:
+    rng = np.random.default_rng(9)
+    lf = fields.light_field(rng, (3, 3), (18, 100), 3)
+    flat = np.full((18, 100), disparity, np.float32)
+    for plane in (disparity - 0.5, disparity, disparity + 0.5):
+        np.testing.assert_array_equal(share(lf, plane, flat), photo_consistency(lf, plane))
+
+
+@pytest.mark.parametrize("pixels", [-2, 1])
+def test_moving_the_views_moves_what_they_see(pixels: int) -> None:
+    """Views shifted by k per step: at plane D + k they show a map raised by k as they did at D."""
+    rng = np.random.default_rng(8)
+    lf = fields.light_field(rng, (3, 5), (30, 40), 3)
+    disparity = random_map(rng, (30, 40), 1.0)
+    moved = np.empty_like(lf.views)
+    for i, j in np.ndindex(3, 5):
+        moved[i, j] = np.roll(lf.views[i, j], (-pixels * (i - 1), -pixels * (j - 2)), (0, 1))
+    found = share(LightField(moved), 0.25 + pixels, disparity + np.float32(pixels))
+    inner = (slice(10, -10), slice(10, -10))
+    np.testing.assert_array_equal(found[inner], share(lf, 0.25, disparity)[inner])
