@@ -1,0 +1,237 @@
+"""The default method end to end: against the oracle, its laws, what it gains, what its confidence says."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+import fields
+import lfdepth
+import naive_vis
+from lfdepth import scenes
+from lfdepth.evaluation import metrics
+from lfdepth.lightfield import LightField
+from lfdepth.methods import method
+from lfdepth.sweep.run import Result, estimate
+
+Array = fields.Array
+
+RANGE = (-1.0, 1.2)
+OPTIONS: dict[str, Any] = {"step": 0.13, "radius": 2, "epsilon": 1e-3}
+
+
+def scene(
+    seed: int,
+    grid: tuple[int, int] = (5, 5),
+    size: tuple[int, int] = (40, 44),
+    channels: int = 3,
+    dtype: str = "uint8",
+    absent: bool = False,
+) -> LightField:
+    rng = np.random.default_rng(seed)
+    present = fields.random_present(rng, grid) if absent else None
+    return fields.light_field(rng, grid, size, channels, dtype, present=present, disparity_range=RANGE)
+
+
+# Against the oracle
+
+
+@pytest.mark.parametrize(
+    ("lf", "options"),
+    [
+        (scene(1, (3, 3), (20, 33)), {}),
+        (scene(2, (4, 3), (22, 21), 1, "uint16"), {"guide": "grey"}),
+        (scene(3, (3, 4), (18, 24), 3, "float32", absent=True), {"edge_passes": 0}),
+        (scene(4, (1, 5), (17, 32)), {"normalise": False, "photo_weight": 0.7}),
+        (scene(5, (3, 3), (16, 31)), {"step": 0.9, "edge_passes": 1}),
+    ],
+    ids=["colour", "grey-uint16", "float-absent", "row-of-views", "few-planes"],
+)
+def test_the_method_agrees_with_the_oracle(lf: LightField, options: dict[str, Any]) -> None:
+    """A pixel decided otherwise at an edge, or a view seen otherwise, reaches as far as the windows do."""
+    chosen = method("fbs-vis", **{**OPTIONS, **options})
+    found = estimate(lf, chosen)
+    expected = naive_vis.estimate(lf.views, RANGE, chosen, lf.present)
+    assert chosen.step is not None
+    assert np.mean(np.abs(found.disparity - expected.disparity) > 0.02 * chosen.step) < 0.03
+    assert np.mean(np.abs(found.confidence - expected.confidence) > 0.01) < 0.03
+
+
+# Laws
+
+
+def test_threads_change_no_estimate() -> None:
+    lf = scene(6, (4, 5), (80, 41))
+    one = estimate(lf, "fbs-vis", threads=1)
+    for threads in (2, 3, 5):
+        many = estimate(lf, "fbs-vis", threads=threads)
+        np.testing.assert_array_equal(many.disparity, one.disparity)
+        np.testing.assert_array_equal(many.confidence, one.confidence)
+
+
+@pytest.mark.parametrize("seed", [7, 8])
+def test_transposing_the_views_transposes_the_estimate(seed: int) -> None:
+    lf = scene(seed, size=(50, 57))
+    turned = LightField(np.ascontiguousarray(lf.views.transpose(1, 0, 3, 2, 4)), disparity_range=RANGE)
+    found, expected = estimate(turned, "fbs-vis"), estimate(lf, "fbs-vis")
+    assert np.mean(np.abs(found.disparity - expected.disparity.T) > 0.02) < 0.03
+    assert np.mean(np.abs(found.confidence - expected.confidence.T) > 0.02) < 0.03
+
+
+@pytest.mark.parametrize("pixels", [-2, 1])
+def test_moving_the_views_moves_the_estimate(pixels: int) -> None:
+    lf = scene(9, size=(72, 76))
+    moved = np.empty_like(lf.views)
+    for i, j in np.ndindex(5, 5):
+        moved[i, j] = np.roll(lf.views[i, j], (-pixels * (i - 2), -pixels * (j - 2)), (0, 1))
+    found = estimate(LightField(moved), "fbs-vis", range=(RANGE[0] + pixels, RANGE[1] + pixels))
+    inner = (slice(18, -18), slice(18, -18))
+    apart = np.abs(found.disparity - pixels - estimate(lf, "fbs-vis").disparity)[inner]
+    assert np.mean(apart > 0.02) < 0.02
+
+
+@pytest.mark.parametrize("dtype", fields.DTYPES)
+@pytest.mark.parametrize("value", [0.0, 0.3, 1.0])
+def test_a_scene_without_texture_gets_no_confidence(value: float, dtype: str) -> None:
+    views = fields.quantise(np.full((5, 5, 30, 34, 3), value), dtype)
+    result = estimate(LightField(views, disparity_range=RANGE), "fbs-vis")
+    assert result.confidence.max() == 0
+    assert np.unique(result.disparity).size == 1
+
+
+def test_noise_gets_hardly_any_confidence() -> None:
+    views = np.rint(128 + np.random.default_rng(10).normal(0, 3, (9, 9, 50, 54, 3))).astype(np.uint8)
+    textured = estimate(scene(10, (9, 9), (50, 54)), "fbs-vis").confidence
+    noise = estimate(LightField(views, disparity_range=RANGE), "fbs-vis").confidence
+    assert np.quantile(noise, 0.95) < 0.2 * np.median(textured)
+
+
+@pytest.mark.parametrize("disparity", [-0.83, 0.0, 0.61])
+def test_a_scene_of_one_plane_gives_that_plane(disparity: float) -> None:
+    paint = fields.texture(np.random.default_rng(11))
+    views = np.stack([fields.plane_views(paint, disparity, (7, 7), (48, 52))] * 3, axis=-1)
+    result = estimate(LightField(fields.quantise(views, "uint8"), disparity_range=RANGE), "fbs-vis")
+    inner = (slice(6, -6), slice(6, -6))
+    error = np.abs(result.disparity - disparity)[inner]
+    assert np.median(error) < 0.01
+    assert np.mean(error > 0.07) < 0.01
+    assert np.median(result.confidence[inner]) > 0.4
+
+
+def test_progress_counts_both_passes() -> None:
+    seen: list[tuple[int, int]] = []
+    estimate(scene(12), "fbs-vis", progress=lambda done, total: seen.append((done, total)), **OPTIONS)
+    total = seen[0][1]
+    assert seen == [(done, total) for done in range(1, total + 1)]
+
+
+def test_the_light_field_is_left_alone() -> None:
+    lf = scene(13)
+    before = lf.views.copy()
+    lf.views.setflags(write=False)
+    estimate(lf, "fbs-vis", **OPTIONS)
+    np.testing.assert_array_equal(lf.views, before)
+
+
+@pytest.mark.parametrize("planes", [2, 3, 5, 6])
+def test_few_planes_are_enough_to_run(planes: int) -> None:
+    result = estimate(scene(14), "fbs-vis", planes=planes)
+    assert np.isfinite(result.disparity).all()
+    assert RANGE[0] <= result.disparity.min() <= result.disparity.max() <= np.float32(RANGE[1])
+
+
+# On scenes with truth
+
+
+class Found(NamedTuple):
+    lf: LightField
+    truth: Array
+    vis: Result
+    paper: Result
+
+    def badpix(self, result: Result, mask: Array | None = None) -> float:
+        return metrics.badpix(result.disparity, self.truth, 0.07, mask)
+
+    def mse(self, result: Result) -> float:
+        return metrics.mse(result.disparity, self.truth)
+
+
+def both(lf: LightField) -> Found:
+    assert lf.truth is not None
+    return Found(lf, lf.truth, estimate(lf, "fbs-vis"), estimate(lf, "fbsocc-sfa"))
+
+
+@pytest.fixture(scope="module", params=["demo", "bars"])
+def rendered(request: pytest.FixtureRequest) -> Found:
+    return both(scenes.render(request.param, size=128, views=9, seed=0))
+
+
+# BadPix 0.07 and MSE x 100 at most, one parameter set for both scenes.
+LIMITS = {"cotton": (1.7, 0.47), "backgammon": (1.3, 1.75)}
+
+
+@pytest.fixture(scope="module", params=LIMITS)
+def real(request: pytest.FixtureRequest, data_folder: Path) -> tuple[str, Found]:
+    name: str = request.param
+    folder = data_folder / "hci4d" / name
+    if not folder.is_dir():
+        pytest.skip(f"real data is absent: {folder}")
+    return name, both(lfdepth.read(folder))
+
+
+def test_fewer_bad_pixels_than_the_paper_near_occlusions(rendered: Found) -> None:
+    boundary = rendered.lf.masks["occlusion_boundary"]
+    vis, paper = (rendered.badpix(result, boundary) for result in (rendered.vis, rendered.paper))
+    assert vis < 2 / 3 * paper
+
+
+def test_a_third_fewer_bad_pixels_and_no_larger_error(rendered: Found) -> None:
+    assert rendered.badpix(rendered.vis) < 2 / 3 * rendered.badpix(rendered.paper)
+    assert rendered.mse(rendered.vis) <= rendered.mse(rendered.paper)
+
+
+def test_two_textured_layers_part_at_their_edge() -> None:
+    views, truth = fields.two_planes(np.random.default_rng(15), (7, 7), (80, 90))
+    colours = fields.quantise(np.stack([views, views**0.7, views**1.6], axis=-1), "uint8")
+    found = both(LightField(colours, disparity_range=RANGE, truth=truth.astype(np.float32)))
+    jump = np.abs(truth - np.roll(truth, 1, 0)) + np.abs(truth - np.roll(truth, 1, 1)) > 0
+    near = np.max([np.roll(jump, (y, x), (0, 1)) for y in range(-4, 5) for x in range(-4, 5)], axis=0)
+    assert found.badpix(found.vis, near) < 2 / 3 * found.badpix(found.paper, near)
+
+
+def test_real_scenes_reach_their_limits(real: tuple[str, Found]) -> None:
+    name, found = real
+    badpix, mse = LIMITS[name]
+    assert found.badpix(found.vis) <= badpix
+    assert found.mse(found.vis) <= mse
+    assert found.badpix(found.vis) < 2 / 3 * found.badpix(found.paper)
+    assert found.mse(found.vis) <= found.mse(found.paper)
+
+
+# Confidence
+
+
+def check_confidence(found: Found) -> None:
+    """Far better than chance, and BadPix falls as the least confident pixels are dropped."""
+    chance = np.random.default_rng(16).random(found.truth.shape)
+    random = metrics.ause(found.vis.disparity, found.truth, chance)
+    curve = metrics.sparsification(found.vis.disparity, found.truth, found.vis.confidence)
+    assert curve.area < 0.6 * random
+    error = curve.error
+    kept = [float(error[round(share * len(error))]) for share in (0.0, 0.1, 0.25, 0.5, 0.75)]
+    slack = 0.03 * kept[0]
+    assert all(later <= earlier + slack for earlier, later in pairwise(kept)), kept
+    assert kept[3] < 0.75 * kept[0], kept
+    assert kept[4] < 0.6 * kept[0], kept
+
+
+def test_confidence_sorts_rendered_scenes(rendered: Found) -> None:
+    check_confidence(rendered)
+
+
+def test_confidence_sorts_real_scenes(real: tuple[str, Found]) -> None:
+    check_confidence(real[1])
