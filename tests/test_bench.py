@@ -115,7 +115,7 @@ def test_a_damaged_run_in_the_cache_is_made_anew(
 
 
 def test_it_goes_on_past_what_fails_and_names_it(scene: LightField, tmp_path: Path) -> None:
-    rangeless = replace(scene, disparity_range=None, name="rangeless")
+    rangeless = replace(scene, disparity_range=None, views=np.full_like(scene.views, 99), name="rangeless")
     result = bench([tmp_path / "absent", rangeless, scene], ["fbs:step=0.2"], tmp_path / "out")
     assert [each.name for each in result.scenes] == ["rangeless", "demo"]
     assert [(each.scene, each.method) for each in result.failures] == [

@@ -1,11 +1,13 @@
 """Decoders against the oracle: every profile (K,) is decided as the paper's step of least error."""
 
+from typing import TypeVar
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 import naive
-from lfdepth.sweep.decode import Accumulate, Decoder, SignStep, accumulate, decided, sign_step
+from lfdepth.sweep.decode import Accumulate, SignStep, accumulate, decided, sign_step
 from lfdepth.sweep.parallel import Workers
 from lfdepth.sweep.planes import disparity_planes
 
@@ -49,7 +51,10 @@ def test_confidence_agrees_with_the_oracle(decoder: type[Accumulate] | type[Sign
     np.testing.assert_allclose(found, naive.confidence(volume), atol=1e-5)
 
 
-def run(decoder: Decoder, volume: NDArray[np.float32], threads: int = 1) -> Decoder:
+Streaming = TypeVar("Streaming", bound=SignStep | Accumulate)
+
+
+def run(decoder: Streaming, volume: NDArray[np.float32], threads: int = 1) -> Streaming:
     with Workers(threads) as workers:
         for index, smoothed in enumerate(volume):
             decoder.update(index, smoothed, workers)
@@ -89,8 +94,8 @@ def test_perfect_steps(turn: int) -> None:
         accumulate(volume, PLANES),
     ):
         np.testing.assert_allclose(disparity, middle, atol=1e-6)
-    for decoder in (SignStep(PLANES, (2, 3)), Accumulate(PLANES, (2, 3))):
-        np.testing.assert_allclose(run(decoder, volume).confidence(), 1)
+    for kind in (SignStep, Accumulate):
+        np.testing.assert_allclose(run(kind(PLANES, (2, 3)), volume).confidence(), 1)
 
 
 def test_a_surface_beyond_the_planes_gets_their_end() -> None:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import tracemalloc
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -75,7 +76,7 @@ def test_one_pass_is_the_papers_j_chains(
     np.testing.assert_allclose(volumes.smoothed, smoothed, atol=1e-4)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", ["fbs", "fbs-sfa", "fbsocc-sfa"])
 @pytest.mark.parametrize(
     "options",
     [
@@ -222,7 +223,8 @@ def test_an_area_without_texture_gets_one_disparity_and_no_confidence(name: str)
     # 30 rows of texture, 4 for shifts and gradients, 3 and 3 for the filter's windows.
     empty = result.disparity[41:]
     assert result.confidence[41:].max() < 1e-5
-    assert np.unique(empty).size == 1
+    if name != "fbs-vis":  # which fills such areas from their neighbours
+        assert np.unique(empty).size == 1
 
 
 @pytest.mark.parametrize(
@@ -258,7 +260,10 @@ def test_senseless_arguments_are_refused_in_one_line(arguments: dict[str, Any], 
     assert "\n" not in message
 
 
-def test_a_light_field_without_range_needs_one() -> None:
-    lf = fields.light_field(np.random.default_rng(17))
-    with pytest.raises(LightFieldError, match="range: light field carries none"):
-        estimate(lf)
+def test_a_light_field_without_range_gets_one_found() -> None:
+    lf = scene(17, size=(96, 96))
+    result = estimate(replace(lf, disparity_range=None), "fbs", **OPTIONS)
+    assert result.range_found
+    assert not estimate(lf, "fbs", **OPTIONS).range_found
+    with pytest.raises(LightFieldError, match=r"range"):
+        estimate(replace(lf, disparity_range=None, views=np.full_like(lf.views, 99)), "fbs", **OPTIONS)
