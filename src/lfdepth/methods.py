@@ -123,7 +123,7 @@ _REGISTRY = {
             summary="Signs and photo-consistency in one energy, with exact visibility (the default).",
             occlusion="visibility",
             decoder="joint",
-            step=0.06,
+            step=0.07,
         ),
     )
 }

@@ -70,12 +70,17 @@ class DepthEdges:
         self._present = np.ones(lf.shape[:2], np.bool_) if lf.present is None else lf.present
         self._found = np.zeros(lf.views.shape[2:4], np.bool_)
 
-    def settle(self, disparity: NDArray[np.float32], workers: Workers) -> NDArray[np.float32]:
-        """Remove isolated values from a map (H, W), then decide every pixel beside a depth edge."""
+    def settle(
+        self, disparity: NDArray[np.float32], workers: Workers, *, passes: int | None = None
+    ) -> NDArray[np.float32]:
+        """Remove isolated values from a map (H, W), then decide every pixel beside a depth edge.
+
+        `passes` replaces the rule's if it is smaller.
+        """
         settled = np.empty_like(disparity)
         median_plane(disparity, self._guide, None, _MEDIAN, workers, settled)
         self._found[:] = False
-        for _ in range(self.rule.passes):
+        for _ in range(self.rule.passes if passes is None else min(passes, self.rule.passes)):
             settled = self._move_edges(settled, workers)
         return settled
 

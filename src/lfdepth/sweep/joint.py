@@ -162,7 +162,7 @@ class JointEnergy:
                 energy,
                 total,
                 self._smoothing.guide,
-                np.float32(self.rule.slope_penalty * self.stride * SCALE),
+                np.float32(min(self.rule.slope_penalty * self.stride, self.rule.jump_penalty) * SCALE),
                 np.float32(self.rule.jump_penalty * SCALE),
                 np.float32(self.rule.edge_sharpness),
             )

@@ -14,6 +14,7 @@ from lfdepth.sweep.smoothing import box_mean
 
 _SAMPLES = 800
 _WINDOW = 4  # px, radius
+_GREY = 1.4
 
 
 def ramp(values: NDArray[Any], low: float, high: float) -> NDArray[np.float32]:
@@ -30,7 +31,7 @@ def residual_level(lf: LightField, planes: NDArray[np.float64], samples: int = _
 
     Returns
     -------
-    Mean absolute difference as a fraction of full scale.
+    Mean absolute difference as a fraction of full scale; 0 where no other view shows any of the pixels.
     """
     height, width = lf.views.shape[2:4]
     spacing = max(int(np.sqrt(height * width / samples)), 1)
@@ -38,7 +39,8 @@ def residual_level(lf: LightField, planes: NDArray[np.float64], samples: int = _
     present = np.ones(lf.shape[:2], np.bool_) if lf.present is None else lf.present
     least = np.full(grid.shape[1], np.inf, np.float32)
     residual_kernel(lf.views, present, grid[0], grid[1], planes[::2], least)
-    return float(np.quantile(least[np.isfinite(least)], 0.25)) / lf.full_scale
+    seen = least[np.isfinite(least)]
+    return float(np.quantile(seen, 0.25)) / lf.full_scale if seen.size else 0.0
 
 
 def texture_weight(lf: LightField, planes: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -49,4 +51,7 @@ def texture_weight(lf: LightField, planes: NDArray[np.float64]) -> NDArray[np.fl
     """
     contrast = box_mean(local_thresholds(lf.reference, low=1e-6, high=0.5), _WINDOW)
     level = max(residual_level(lf, planes), 1e-6)
+    # One channel's residual scatters more than the mean of three, so its least over planes lies lower.
+    if lf.views.shape[-1] == 1:
+        level *= _GREY
     return ramp(contrast / level, 0.55, 0.8)

@@ -113,6 +113,21 @@ def _visible_share(out, votes, seen, possible):
 
 
 @nb.njit(nogil=True, cache=True)
+def _count_visible_colour(votes, seen, bounds, levels, reference, front, nearest, start, horizon):
+    """As `_count_colour`, and at once as `_add_visible`."""
+    size = np.uintp(votes.size)
+    for x in range(size):
+        red = _distance(levels[x], reference[x])
+        green = _distance(levels[size + x], reference[size + x])
+        blue = _distance(levels[size + size + x], reference[size + size + x])
+        both = np.uint16(red + green)
+        left = np.uint16(max(bounds[x], both) - both)
+        sees = (nearest[start + x] <= horizon) | (front[x] != 0)
+        seen[x] = np.int16(seen[x] + np.int16(sees))
+        votes[x] = np.int16(votes[x] + np.int16(sees & (blue < left)))
+
+
+@nb.njit(nogil=True, cache=True)
 def _add_visible(votes, seen, agrees, front, nearest, start, horizon):
     """Count one view where it sees the plane, or the pixel itself lies in front; clears `agrees`."""
     for x in range(np.uintp(votes.size)):
@@ -133,6 +148,7 @@ def photo_kernel(
     in front of the plane, horizon).
     """
     nearest, nearest_down, nearest_across, front, horizon = visibility
+    horizon16 = np.int16(horizon)
     rows, columns, height, channels, length, margin = shape
     possible, scale = np.float32(present.sum()), np.float64(channels * WHITE)
     votes = np.empty(length - 2 * margin, np.int16)
@@ -168,15 +184,21 @@ def photo_kernel(
                     weights[v, u, 2],
                     weights[v, u, 3],
                 )
-                counts = agrees if masked else votes
+                if not masked:
+                    if channels == 1:
+                        _count_grey(votes, bounds, levels, reference)
+                    else:
+                        _count_colour(votes, bounds, levels, reference)
+                    continue
+                row = min(max(y + nearest_down[v], 0), height - 1)
+                at = np.uintp(((v * height + row) * columns + u) * length + margin + nearest_across[u])
                 if channels == 1:
-                    _count_grey(counts, bounds, levels, reference)
+                    _count_grey(agrees, bounds, levels, reference)
+                    _add_visible(votes, seen, agrees, front_row, nearest, at, horizon16)
                 else:
-                    _count_colour(counts, bounds, levels, reference)
-                if masked:
-                    row = min(max(y + nearest_down[v], 0), height - 1)
-                    at = ((v * height + row) * columns + u) * length + margin + nearest_across[u]
-                    _add_visible(votes, seen, agrees, front_row, nearest, np.uintp(at), horizon)
+                    _count_visible_colour(
+                        votes, seen, bounds, levels, reference, front_row, nearest, at, horizon16
+                    )
         if masked:
             _visible_share(out[y], votes, seen, possible)
         else:

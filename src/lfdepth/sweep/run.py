@@ -170,7 +170,8 @@ def _sweep(
     if method.occlusion != "visibility":
         return disparity, confidence
     edges = DepthEdges(lf, EdgeRule(passes=method.edge_passes))
-    disparity = edges.settle(disparity, workers)
+    # One pass will do for a map that only says which views see what.
+    disparity = edges.settle(disparity, workers, passes=1 if isinstance(decoder, JointEnergy) else None)
     if isinstance(decoder, JointEnergy):
         for index in decoder.recount(disparity, workers):
             if progress is not None:

@@ -22,6 +22,12 @@ _NONE, _ONE, _TWO = np.uintp(0), np.uintp(1), np.uintp(2)
 
 
 @nb.njit(nogil=True, cache=True)
+def _clear(ring, start, length):
+    for x in range(np.uintp(length)):
+        ring[start + x] = 0
+
+
+@nb.njit(nogil=True, cache=True)
 def _copy(ring, new, image, start, width):
     for x in range(np.uintp(width)):
         ring[new + x] = image[start + x]
@@ -59,7 +65,7 @@ def _column_sums(sums, ring, begun, row, height, length):
     """
     place = row % height
     if place == 0:
-        begun[:] = 0
+        _clear(begun, _NONE, length)
     _add_row(sums, ring, np.uintp(place * length), np.uintp((place + 1) * length), begun, length)
     if place == height - 1:
         _turn_block(ring, height, length)
@@ -214,7 +220,7 @@ def smooth_kernel(
                     place = np.uintp(start + (c + 1) * length + radius)
                     _multiply(ring, place, images[i], at, guide, factor, width)
             else:
-                ring[start : start + row] = 0
+                _clear(ring, np.uintp(start), row)
             _column_sums(sums, ring, begun[i, 0], last, window, row)
 
             ring = rings[i, 1]
@@ -228,7 +234,7 @@ def smooth_kernel(
                 else:
                     _fit_colour(ring, place, sums, length, share, shares, stats, at, width)
             else:
-                ring[start : start + row] = 0
+                _clear(ring, np.uintp(start), row)
             _column_sums(sums, ring, begun[i, 1], middle, window, row)
 
             if y >= first_row:
@@ -242,4 +248,4 @@ def smooth_kernel(
         if y >= first_row and divide:
             _bounded_quotient(out[y], results[0], results[1])
         elif y >= first_row:
-            out[y] = results[0]
+            _copy(out[y], _NONE, results[0], _NONE, width)

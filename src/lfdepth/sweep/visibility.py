@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfdepth.sweep.parallel import Workers
-from lfdepth.sweep.visibility_kernels import EMPTY, PARTS, splat_kernel
+from lfdepth.sweep.visibility_kernels import EMPTY, PARTS, SATURATED, splat_kernel
 
 MARGIN = 0.2
 """Surfaces count as nearer only if they are by more than this, px per view step."""
@@ -40,14 +40,14 @@ class NearestSurfaces:
         A pixel in front of the plane is voted on by all views: its surface hides the plane in every one, and
         must go on saying that it is in front.
         """
-        horizon = int(np.clip(round((plane + MARGIN) * PARTS), EMPTY + 1, 32767))
+        horizon = int(np.clip(round((plane + MARGIN) * PARTS), -SATURATED, SATURATED))
         return (self.disparity > plane + MARGIN).astype(np.int16), horizon
 
 
 def nearest_surfaces(
     disparity: NDArray[np.float32], grid: tuple[int, int], margin: int, row_length: int, workers: Workers
 ) -> NearestSurfaces:
-    """Splat a map (H, W) into every view of a grid, nearest wins; |disparity| below 32 px per view step."""
+    """Splat a map (H, W) into every view of a grid, nearest wins; beyond ±32 px per view step all are one."""
     height = disparity.shape[0]
     data = np.full((grid[0], height, grid[1], row_length), EMPTY, np.int16)
     workers.rows(grid[0] * grid[1], splat_kernel, disparity, data, margin)

@@ -130,9 +130,18 @@ def _photo_bounds(low, high, ring, start, tolerance):
 
 
 @nb.njit(nogil=True, cache=True)
+def _count_views(present):
+    count = 0
+    for v in range(present.shape[0]):
+        for u in range(present.shape[1]):
+            count += present[v, u]
+    return count
+
+
+@nb.njit(nogil=True, cache=True)
 def _view_offsets(present, length):
     """`_row_offsets` of every view that is there, for rows y with y % 3 = 0, 1 and 2: (3, views, 8)."""
-    table = np.empty((3, present.sum(), 8), np.uintp)
+    table = np.empty((3, _count_views(present), 8), np.uintp)
     for row in range(3):
         view = 0
         for v in range(present.shape[0]):
@@ -143,6 +152,15 @@ def _view_offsets(present, length):
                         table[row, view, k] = offsets[k]
                     view += 1
     return table
+
+
+@nb.njit(nogil=True, cache=True)
+def _count_axes(table):
+    """Number of votes a pixel has when every view counts."""
+    count = 0
+    for view in range(table.shape[1]):
+        count += np.int64(table[0, view, 7])
+    return count
 
 
 @nb.njit(nogil=True, cache=True, inline="always")
@@ -162,14 +180,15 @@ def _offsets(table, phase, view):
 def _mask_offsets(present, placing, length, reach):
     """Offset, from the start of row y in the padded mask, at which every view samples it, and its weights."""
     down, across, weights = placing
-    count = present.sum()
+    count = _count_views(present)
     offsets, kept = np.empty(count, np.uintp), np.empty((count, 4), np.int16)
     view = 0
     for v in range(present.shape[0]):
         for u in range(present.shape[1]):
             if present[v, u]:
                 offsets[view] = (reach + down[v]) * length + reach + across[u]
-                kept[view] = weights[v, u]
+                for k in range(4):
+                    kept[view, k] = weights[v, u, k]
                 view += 1
     return offsets, kept
 
@@ -291,6 +310,14 @@ def _count_masked(sums, levels, phase, one, masks, y, first, last):
 
 
 @nb.njit(nogil=True, cache=True)
+def _clear(sums, value):
+    votes, weight = sums
+    for x in range(votes.size):
+        votes[x] = value
+        weight[x] = value
+
+
+@nb.njit(nogil=True, cache=True)
 def _scale(out, total, factor, first, last):
     for x in range(np.uintp(first), np.uintp(last)):
         out[x] = np.float32(total[x]) * factor
@@ -303,9 +330,8 @@ def _count_general(sums, scratch, levels, phase, options, masks, y):
     votes, weight = sums
     ring, table, low, high, _, _ = levels
     xu, yv, share = scratch
-    votes[:] = 0
-    weight[:] = 0
-    share[:] = UNIT
+    _clear(sums, 0)
+    _clear((share, share), UNIT)
     for view in range(table.shape[1]):
         if sobel:
             _sobel_signs(xu, yv, ring, table, phase, view)
@@ -363,7 +389,8 @@ def _mark_mixed(mixed, count, reach):
         mixed[block] = not (_all_equal(count, none, first, last) or _all_equal(count, full, first, last))
         if mixed[block]:
             if block - latest <= _GAP + 1:
-                mixed[latest + 1 : block] = True
+                for between in range(latest + 1, block):
+                    mixed[between] = True
             latest = block
 
 
@@ -400,7 +427,7 @@ def vote_kernel(
     mask_length = inner + 2 * reach
     sobel, signs_agree, masked = options
     table = _view_offsets(present, length)
-    possible = max(np.int64(table[0, :, 7].sum()), 1)
+    possible = max(_count_axes(table), 1)
     # Numbers of votes, and of shares of votes, have to fit 16 bits.
     general = sobel or signs_agree or possible * (UNIT if masked else 1) > _HIGHEST
     share = np.float32(1 / (possible * UNIT))
@@ -433,8 +460,7 @@ def vote_kernel(
             _add_mask_row(count, mask, (y + 2 * reach) * mask_length, 1)
             _mark_mixed(mixed, count, reach)
             _add_mask_row(count, mask, y * mask_length, -1)
-        sums[0][:] = 0
-        sums[1][:] = 0
+        _clear(sums, 0)
         last = 0
         while last < inner:
             first, last = last, last + BLOCK
