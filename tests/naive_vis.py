@@ -381,7 +381,8 @@ def residual_level(views: Array, plane: Array, present: Array | None = None) -> 
 def texture_weight(views: Array, level: float) -> Array:
     """Where the mean contrast over a window is above the residual level."""
     change = naive_photo.local_thresholds(reference(views), TEXTURE_SLOPE, 1e-6, 0.5)
-    return ramp(naive.box_mean(change, noise._WINDOW) / max(level, 1e-6), *TEXTURE)
+    level = max(level, 1e-6) * (noise._GREY if views.shape[-1] == 1 else 1)
+    return ramp(naive.box_mean(change, noise._WINDOW) / level, *TEXTURE)
 
 
 # All of it
@@ -416,7 +417,7 @@ def estimate(
     limits = thresholds(views)
     share = np.stack([smooth(naive_photo.photo_consistency(views, d, limits, present)) for d in plane])
     first = decode(plane, smoothed, share, texture, guide, rule, stride=2 if len(plane) >= 6 else 1)
-    rough, _ = settle(first.disparity, views, edge_rule, present)
+    rough, _ = settle(first.disparity, views, EdgeRule(passes=min(method.edge_passes, 1)), present)
     share = np.stack([smooth(visible_share(views, d, limits, rough, present)) for d in plane])
     second = decode(plane, smoothed, share, texture, guide, rule, stride=1)
     settled, found = settle(second.disparity, views, edge_rule, present)
