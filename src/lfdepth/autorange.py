@@ -32,7 +32,10 @@ class Evidence:
 # Little of a thin structure is left in shrunk views, and an end too far out only costs time.
 _COARSE = Evidence(share=5e-4, neighbours=2)
 _FINE = Evidence(share=1.5e-3, neighbours=6)
+# Of a surface that is seen only through the gaps of another, no pixel has that many neighbours.
+_GAPS = Evidence(share=1.5e-3, neighbours=3)
 _FEWEST = 8
+_RINGS = 1.0, 1 / 3
 # Shorter side, px, of the views for either sweep.
 _COARSE_SIDE, _FINE_SIDE = 256, 1024
 # In `Probe.unit`: how well neighbours agree; by how much the fine sweep is wider; the margin of the result.
@@ -46,7 +49,8 @@ def find_range(
     """Find the range of disparities from the views.
 
     A coarse sweep of shrunk views over a wide range, then a fine one over what the first one found. Surfaces
-    count if they have texture and cover at least 0.15 % of the reference view.
+    count if they have texture and cover at least 0.15 % of the reference view. What is seen only through gaps
+    is missed if they are so narrow that most views see something else in them.
 
     Parameters
     ----------
@@ -73,11 +77,11 @@ def find_range(
     if not (isfinite(limit) and limit > 0):
         raise LightFieldError(f"limit: found {limit}, expected a positive number of px per view step")
     with Workers(threads) as workers:
-        found = coarse_range(make_probe(lf, limit, shrink_to(lf, _COARSE_SIDE)), limit, workers)
+        found = coarse_range(make_probe(lf, limit, shrink_to(lf, _COARSE_SIDE), _RINGS), limit, workers)
         if found is not None:
-            probe = make_probe(lf, max(-found[0], found[1]), shrink_to(lf, _FINE_SIDE))
+            probe = make_probe(lf, max(-found[0], found[1]), shrink_to(lf, _FINE_SIDE), _RINGS)
             fine = match(probe, plane_range(*found, probe.unit / 2), workers)
-            found = ends(fine, probe.unit, _FINE)
+            found = _fine_ends(fine, probe.unit)
     if found is None:
         raise LightFieldError(
             f"{lf.name}: views agree on no disparity within {limit:g} px per view step; expected texture "
@@ -110,6 +114,16 @@ def coarse_range(
             return found[0] - _SLACK * probe.unit, found[1] + _SLACK * probe.unit
         limit /= 2
     return None
+
+
+def _fine_ends(found: Match, unit: float) -> tuple[float, float] | None:
+    """Ends by the better evidence, unless the weaker one shows a surface that lies apart from them."""
+    weak, strong = ends(found, unit, _GAPS), ends(found, unit, _FINE)
+    if weak is None or strong is None:
+        return weak
+    low = weak[0] if weak[0] < strong[0] - unit else strong[0]
+    high = weak[1] if weak[1] > strong[1] + unit else strong[1]
+    return low, high
 
 
 def ends(found: Match, unit: float, evidence: Evidence) -> tuple[float, float] | None:

@@ -7,6 +7,7 @@ wrong: enough to find the range of disparities and the order of the views.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,9 +19,6 @@ from lfdepth.lightfield import LightField
 
 if TYPE_CHECKING:
     from lfdepth.sweep.parallel import Workers
-
-RINGS = (1.0, 0.5)
-"""How far out views are taken, as shares of the grid's extent: outer ones are precise, inner ones unique."""
 
 LIMIT = 20.0
 """Largest difference that counts, grey levels of 255: beyond it, one mismatch is like another."""
@@ -142,8 +140,20 @@ def plane_range(low: float, high: float, step: float) -> NDArray[np.float64]:
     return low + step * np.arange(max(2, int(np.ceil((high - low) / step)) + 1), dtype=np.float64)
 
 
-def make_probe(lf: LightField, limit: float, shrink: int) -> Probe:
-    """Take the views that planes up to |D| = `limit` px per view step need.
+def make_probe(lf: LightField, limit: float, shrink: int, rings: Sequence[float]) -> Probe:
+    """Take views for planes up to |D| = `limit` px per view step.
+
+    Parameters
+    ----------
+    lf
+        Light field.
+    limit
+        Largest |D|.
+    shrink
+        Whole factor by which the views are shrunk.
+    rings
+        How far out views are taken, in eight directions, as shares of the grid's extent. Outer views are
+        precise; inner ones see through gaps, and repeat themselves less.
 
     Raises
     ------
@@ -151,7 +161,7 @@ def make_probe(lf: LightField, limit: float, shrink: int) -> Probe:
         If no other view than the reference view is present.
     """
     v, u = lf.centre
-    offsets = _ring_offsets(lf)
+    offsets = _ring_offsets(lf, rings)
     margin = int(np.ceil(limit * float(np.abs(offsets).max()) / shrink)) + 2
     reference = _prepared(lf, (v, u), shrink)
     views = np.empty((len(offsets), reference.shape[0], reference.shape[1] + 2 * margin), np.float32)
@@ -206,9 +216,9 @@ def match(
     return Match(disparity.astype(np.float32), costs[0], costs[3])
 
 
-def _ring_offsets(lf: LightField) -> NDArray[np.int32]:
+def _ring_offsets(lf: LightField, rings: Sequence[float]) -> NDArray[np.int32]:
     """Grid offsets (N, 2) of views in eight directions, on each ring."""
-    found = (_first_present(lf, direction, ring) for ring in RINGS for direction in _DIRECTIONS)
+    found = (_first_present(lf, direction, ring) for ring in rings for direction in _DIRECTIONS)
     offsets = list(dict.fromkeys(offset for offset in found if offset))
     if not offsets:
         raise LightFieldError(

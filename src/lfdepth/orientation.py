@@ -22,13 +22,15 @@ from lfdepth.sweep.parallel import Workers
 
 # Shorter side, px, of the views that are compared; for the sign, larger ones if the first do not decide it.
 _SIDES = 256, 512
+# Half way out, one surface still moves enough against another to hide it.
+_RINGS = 1.0, 0.5
 # Least share of the pixels that tell the orders apart; of them, least share that has to agree.
 _DECISIVE, _AGREEING = 0.02, 0.6
 # Least number of occlusions; least share of them that has to agree.
 _FEWEST, _MAJORITY = 40, 0.7
 # Grey levels of 255: at most what a visible surface mispredicts a view by; at least what a hidden one does.
 _SAME, _OTHER = 4.0, 8.0
-# Difference of disparities from which on one surface occludes another, in `Probe.unit`.
+# From how many px on one surface moves against another, between the reference view and a view.
 _JUMP = 1.2
 
 
@@ -144,7 +146,7 @@ def check_orientation(
         If no view in line with the reference view is present.
     """
     limit = widest(lf)
-    probe = make_probe(lf, limit, shrink_to(lf, _SIDES[0]))
+    probe = make_probe(lf, limit, shrink_to(lf, _SIDES[0]), _RINGS)
     with Workers(threads) as workers:
         order, agreeing, decisive = _find_order(probe, limit, workers)
         span = coarse_range(probe, limit, workers, order)
@@ -205,7 +207,7 @@ def _find_sign(lf: LightField, span: tuple[float, float], order: Order, workers:
     """Compare the occlusions of surfaces within a range of disparities."""
     sign = _Sign()
     for shrink in dict.fromkeys(shrink_to(lf, side) for side in _SIDES):
-        probe = make_probe(lf, max(-span[0], span[1]), shrink)
+        probe = make_probe(lf, max(-span[0], span[1]), shrink, _RINGS)
         found = match(probe, plane_range(*span, probe.unit / 2), workers, order, halves=True)
         pixels = _Pixels(probe, found, order)
         counts = [pixels.occlusions(view) for view in range(len(probe.views))]
@@ -239,7 +241,8 @@ class _Pixels:
         error = self._error(view)
         known = np.flatnonzero(np.isfinite(error) & (self._error(opposite) < _SAME))
         near, far = self._meeting(view, known)
-        jump = self.disparity[near] - self.disparity[far] > _JUMP * self.probe.unit
+        away = float(np.abs(self.grid[view]).max()) / self.probe.shrink
+        jump = (self.disparity[near] - self.disparity[far]) * away > _JUMP
         distinct = np.abs(self.level[near] - self.level[far]) > _OTHER
         near, far = near[jump & distinct], far[jump & distinct]
         return self._wins(error[near], error[far]), self._wins(error[far], error[near])
