@@ -163,7 +163,7 @@ def _count_axes(table):
     return count
 
 
-@nb.njit(nogil=True, cache=True, inline="always")
+@nb.njit(nogil=True, cache=True)
 def _offsets(table, phase, view):
     return (
         table[phase, view, 0],
@@ -193,7 +193,7 @@ def _mask_offsets(present, placing, length, reach):
     return offsets, kept
 
 
-@nb.njit(nogil=True, cache=True, inline="always")
+@nb.njit(nogil=True, cache=True)
 def _signum(a, b, one):
     """Sign of a − b. `one` is 1, but not known to LLVM, which would make slower comparisons of the bounds."""
     difference = np.int16(min(max(np.int32(a) - np.int32(b), np.int32(_LOWEST)), np.int32(_HIGHEST)))
@@ -226,7 +226,7 @@ def _count_plain(sums, levels, phase, one, first, last):
             weight[x] = np.int16(weight[x] + (axes & inside))
 
 
-@nb.njit(nogil=True, cache=True, inline="always")
+@nb.njit(nogil=True, cache=True)
 def _sign(a, b):
     return np.int16(a > b) - np.int16(a < b)
 
