@@ -12,7 +12,8 @@ from lfdepth.errors import LightFieldError
 from lfdepth.sweep.parallel import Workers
 from lfdepth.sweep.smoothing import GuidedFilter, box_mean
 
-# Size and radius: windows as large as the image, rows around the strips of 32, columns around vector lengths.
+# Size and radius: windows as large as the image, whose sizes have all digits to base 4 (window sums are put
+# together from runs of 1, 4, 16 …), columns around vector lengths.
 CASES = [
     ((9, 11), 1),
     ((9, 9), 4),
@@ -21,6 +22,7 @@ CASES = [
     ((70, 31), 7),
     ((97, 34), 16),
     ((17, 64), 8),
+    ((56, 70), 27),
 ]
 
 
@@ -135,6 +137,19 @@ def test_normalised_smoothing_agrees_with_the_oracle(channels: int) -> None:
     # An error of 1e-6 in the numerator grows as the denominator falls.
     assert (np.abs(found - expected) < 1e-5 / np.maximum(weight, 1e-3)).all()
     assert np.abs(found).max() <= 1
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("radius", [1, 4, 7])
+def test_nothing_is_left_behind_by_what_went_through(channels: int, radius: int) -> None:
+    """Beyond the reach of its windows an empty area stays exactly empty, on all sides of a strong one."""
+    rng = np.random.default_rng(13)
+    votes = np.zeros((80, 90))
+    votes[30:45, 30:50] = rng.normal(0, 1, (15, 20))
+    smooth = GuidedFilter(guide_of(rng, votes.shape, channels), radius, 1e-6)
+    found, reach = smooth(votes), 2 * radius
+    found[30 - reach : 45 + reach, 30 - reach : 50 + reach] = 0
+    assert (found == 0).all()
 
 
 def test_an_edge_of_the_guide_stays_sharp() -> None:
