@@ -330,7 +330,13 @@ def test_high_resolution_truth_is_used_where_the_benchmark_wants_it() -> None:
     assert not scores.notes
     other = evaluate(low, light_field(low, name="cotton"), high=HighResolution(high, {"fine": mask}))
     assert other["badpix_0.03"] == 0.0
-    assert evaluate(low, lf).notes.keys() == {"badpix_0.01", "badpix_0.03", "badpix_0.07", "mse_x100", "q25"}
+    general = {"badpix_0.01", "badpix_0.03", "badpix_0.07", "mse_x100", "q25"}
+    assert evaluate(low, lf).notes.keys() == general
+    # Scenes in the manner of the benchmark's, by their name or by their masks.
+    assert evaluate(low, light_field(low, name="wedges")).notes.keys() == general
+    marked = light_field(low, {"foreground_thinning": low == 0, "foreground_fattening": low == 0})
+    stratified = {"backgammon_fattening", "backgammon_thinning"}
+    assert evaluate(low, marked).notes == dict.fromkeys(general | stratified, LOW_INSTEAD)
 
 
 def test_an_array_can_be_the_truth_and_the_scores_are_plain_data() -> None:

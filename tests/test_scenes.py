@@ -425,6 +425,31 @@ def test_high_resolution_truth_divides_the_pixels(saved: Saved) -> None:
     assert share == pytest.approx(lf.masks["thin"].mean(), abs=0.02)
 
 
+def test_high_resolution_of_a_name_is_what_a_folder_holds(saved: Saved) -> None:
+    written = read_high_resolution(saved("solids")[0])
+    made = scenes.high_resolution("solids", size=(96, 104), seed=2)
+    assert written is not None
+    np.testing.assert_array_equal(made.truth, written.truth)
+    assert set(made.masks) == set(written.masks)
+    for key, mask in made.masks.items():
+        np.testing.assert_array_equal(mask > 0, written.masks[key] > 0)
+    with pytest.raises(LightFieldError, match="'photo-boxes' is not procedural"):
+        scenes.high_resolution("photo-boxes")
+
+
+def test_a_steep_rim_is_a_boundary_at_both_resolutions() -> None:
+    # Two surfaces that meet without a step, one rising by 0.5 px per pixel: neighbours differ by 0.5 at the
+    # size of the views, by 0.05 at ten times that.
+    for scale in (1, 10):
+        x = (np.arange(12 * scale) + 0.5) / scale - 6.0
+        truth = np.tile(np.maximum(0, 0.5 * x), (3, 1)).astype(np.float32)
+        layers = (truth > 0).astype(np.int16)
+        edge = masks.jumps(truth, layers, apart=scale)[1]
+        assert edge.sum() == 2
+        assert edge[6 * scale - 1 : 6 * scale + 1].all()
+        assert not masks.jumps(truth, layers * 0, apart=scale).any()
+
+
 def test_masks_of_the_benchmark(saved: Saved) -> None:
     path, lf = saved("bars")
     low, high = read(path), read_high_resolution(path)
@@ -443,7 +468,9 @@ def test_masks_of_the_benchmark(saved: Saved) -> None:
     assert (high.masks["discontinuities"][edge] > 0).all()
     demo = read(saved("demo")[0]).masks
     np.testing.assert_array_equal(demo["planes"], demo["slanted"] & ~demo["occlusion_boundary"])
-    solids = read(saved("solids")[0]).masks
+    path, _ = saved("solids")
+    assert (path / "mask_discontinuities_highres.png").exists()
+    solids = read(path).masks
     np.testing.assert_array_equal(solids["smooth_surfaces"], solids["smooth"] & ~solids["occlusion_boundary"])
 
 
@@ -577,12 +604,13 @@ def test_path_traced_cameras_are_shifted() -> None:
                 np.testing.assert_allclose(hit, point, atol=2e-5)
 
 
-def test_path_traced_truth_fits_its_views() -> None:
+@pytest.mark.parametrize("name", ["photo-boxes", "photo-gloss"])
+def test_path_traced_truth_fits_its_views(name: str) -> None:
     mi = pytest.importorskip("mitsuba", reason="needs the extra `render`")
     mi.set_variant("scalar_rgb")
     camera = photoreal.camera((72, 72))
-    # Reflectance in place of light: the same geometry without the noise of path tracing.
-    scene, _ = photoreal.build(mi, "photo-boxes", camera, 0)
+    # Reflectance in place of light: the same geometry, without mirrored things that move by themselves.
+    scene, _ = photoreal.build(mi, name, camera, 0)
     colours = mi.load_dict({"type": "aov", "aovs": "colour:albedo"})
     views = np.zeros((3, 3, 72, 72, 3), np.float32)
     for v, u in ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0)):
@@ -590,9 +618,11 @@ def test_path_traced_truth_fits_its_views() -> None:
         views[1 + v, 1 + u] = np.asarray(mi.render(scene, sensor=sensor, integrator=colours, spp=25))[
             ..., -3:
         ]
+    mirror = views.max(axis=(0, 1, 4)) > 1  # metal has no colour of its own, only what it mirrors
     truth = camera.depth_to_disparity(photoreal.trace(mi, scene, camera)).astype(np.float32)
-    pure = LightField(views, truth=truth)
-    away = away_from_edges(pure, 1)
+    pure = LightField(views.clip(0, 1), truth=truth)
+    away = away_from_edges(pure, 1) & (distance_transform_edt(~mirror) > 5)
+    assert away.sum() > 400
     offsets = np.array([-0.3, -0.15, 0, 0.15, 0.3], np.float32)
     errors = [
         np.mean(
@@ -602,6 +632,29 @@ def test_path_traced_truth_fits_its_views() -> None:
     ]
     square, linear, _ = np.polyfit(offsets, np.square(errors), 2)
     assert abs(-linear / (2 * square)) < 0.02  # where the error is least, in px from the truth
+
+
+def test_noise_of_path_tracing_is_what_the_documentation_says() -> None:
+    mi = pytest.importorskip("mitsuba", reason="needs the extra `render`")
+    mi.set_variant("scalar_rgb")
+    camera = photoreal.camera((40, 40))
+    scene, _ = photoreal.build(mi, "photo-boxes", camera, 0)
+    rough, fine = (
+        photoreal._encoded(photoreal._light(mi, scene, camera, (1, 0), samples, samples))
+        for samples in (3, 15)
+    )
+    assert (rough - fine).std() == pytest.approx(4, abs=1)  # grey levels
+
+
+def test_path_tracing_tells_how_far_it_is_and_how_long_it_takes() -> None:
+    pytest.importorskip("mitsuba", reason="needs the extra `render`")
+    steps: list[tuple[int, int]] = []
+    photoreal.render("photo-boxes", (32, 32), (3, 3), 0, None, 1, lambda i, n, what: steps.append((i, n)))
+    assert steps == [(i, 9) for i in range(9)]
+    seconds = scenes.expected_seconds("photo-boxes", size=64, views=3)
+    assert seconds is not None
+    assert 0.05 < seconds < 60
+    assert scenes.expected_seconds("bars") is None
 
 
 def test_path_traced_floor_is_where_it_was_put() -> None:

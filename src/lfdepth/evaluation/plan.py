@@ -93,18 +93,26 @@ class SceneSpec:
         return replace(lf, name=self.name or lf.name, disparity_range=self.range or lf.disparity_range)
 
     def high(self) -> HighResolution | None:
-        """High-resolution truth beside the views, where there is one."""
-        if isinstance(self.source, LightField) or not Path(self.source).is_dir():
+        """High-resolution truth beside the views, or of a procedural scene, where there is one."""
+        from lfdepth import scenes
+
+        if isinstance(self.source, LightField):
             return None
-        return read_high_resolution(self.source)
+        if _is_procedural(self.source):
+            return scenes.high_resolution(str(self.source))
+        return read_high_resolution(self.source) if Path(self.source).is_dir() else None
 
 
 def _read(source: Path | str) -> LightField:
     from lfdepth import io, scenes
 
-    if isinstance(source, str) and source in scenes.NAMES and not Path(source).exists():
-        return scenes.render(source)
-    return io.read(source)
+    return scenes.render(str(source)) if _is_procedural(source) else io.read(source)
+
+
+def _is_procedural(source: Path | str) -> bool:
+    from lfdepth import scenes
+
+    return isinstance(source, str) and source in scenes.NAMES and not Path(source).exists()
 
 
 @dataclass(frozen=True)

@@ -19,11 +19,12 @@ if TYPE_CHECKING:
     from lfdepth.evaluation.truth import HighResolution
     from lfdepth.sweep.run import Result
 
-HIGH_RESOLUTION_SCENES = frozenset({"backgammon", "dots", "stripes"})
-"""Scenes whose BadPix, MSE and Q25 the benchmark takes at high resolution; it takes the others' at low."""
+HIGH_RESOLUTION_SCENES = frozenset({"backgammon", "dots", "stripes", "wedges", "specks", "strips"})
+"""Scenes whose BadPix, MSE and Q25 are taken at high resolution: three of the benchmark, and those of
+`lfdepth.scenes` in their manner. All others' are taken at low."""
 
-_ALIASES = {"planes": "slanted", "smooth_surfaces": "smooth"}
-"""Masks of `lfdepth.scenes` that stand for a mask of the benchmark."""
+_HIGH_RESOLUTION_MASKS = frozenset({"foreground_fattening", "dots_by_size", "low_texture"})
+"""Masks that tell a scene in the manner of one of these whatever its name."""
 
 LOW_INSTEAD = "low-resolution truth"
 """Note at a metric of high resolution that was taken at low, for want of the truth."""
@@ -277,15 +278,11 @@ def evaluate(
     confidence = _checked_confidence(result_or_disparity, confidence, truth, name)
     lf = lf_or_truth if isinstance(lf_or_truth, LightField) else None
     camera = lf.camera if lf else None
-    samples = {"low": Sample(estimate, truth, _with_aliases(lf.masks if lf else {}), LOW, camera, confidence)}
+    samples = {"low": Sample(estimate, truth, lf.masks if lf else {}, LOW, camera, confidence)}
     if high is not None:
         enlarged = metrics.enlarge(estimate, _high_shape(high, truth, name))
         samples["high"] = Sample(enlarged, high.truth, high.masks, HIGH)
     return _score(name, samples, high, getattr(result_or_disparity, "runtime", None))
-
-
-def _with_aliases(masks: Mapping[str, Array]) -> dict[str, Array]:
-    return {name: masks[alias] for name, alias in _ALIASES.items() if alias in masks} | dict(masks)
 
 
 def _score(
@@ -327,10 +324,8 @@ def _resolution(metric: Metric, name: str, samples: Mapping[str, Sample]) -> str
     """Resolution that the benchmark defines a metric at, for a scene."""
     if metric.resolution != "scene":
         return metric.resolution
-    # A scene of our own may have any name: its masks tell which of the benchmark's it follows.
-    marks = {"foreground_fattening", "dots_by_size", "low_texture"}
-    masks = set(samples["high"].masks) if "high" in samples else set()
-    return "high" if name in HIGH_RESOLUTION_SCENES or masks & marks else "low"
+    masks = {mask for sample in samples.values() for mask in sample.masks}
+    return "high" if name in HIGH_RESOLUTION_SCENES or masks & _HIGH_RESOLUTION_MASKS else "low"
 
 
 def _lacks(metric: Metric, sample: Sample) -> list[str]:

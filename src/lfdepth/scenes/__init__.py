@@ -19,16 +19,17 @@ from lfdepth.scenes.stratified import STRATIFIED
 from lfdepth.scenes.suite import SUITE, Recipe, Stage
 
 if TYPE_CHECKING:
+    from lfdepth.evaluation.truth import HighResolution
     from lfdepth.lightfield import LightField
     from lfdepth.scenes.rendering import Rendering
 
-__all__ = ["NAMES", "PHOTOREAL", "describe", "render", "save"]
+__all__ = ["NAMES", "PHOTOREAL", "describe", "expected_seconds", "high_resolution", "render", "save"]
 
 _RECIPES = {**SUITE, **STRATIFIED}
 NAMES: tuple[str, ...] = tuple(_RECIPES)
 """Names of the procedural scenes."""
 PHOTOREAL: tuple[str, ...] = tuple(photoreal.MOTIFS)
-"""Names of the path-traced scenes; they need Mitsuba 3 (the extra `render`) and minutes to hours."""
+"""Names of the path-traced scenes; they need Mitsuba 3 (the extra `render`) and minutes."""
 
 SMALLEST = 32
 """Shortest side of a picture, px."""
@@ -72,7 +73,8 @@ def render(
         Standard deviation of shot and read noise together at mid grey, grey levels, >= 0;
         None takes the scene's own, which is zero but for "room", "specks" and the "noise" scenes.
     samples : int
-        A pixel is the mean over samples × samples points (of path-traced scenes: 4·samples² paths), >= 1.
+        A pixel is the mean over samples × samples points (of path-traced scenes: (samples + 1)² paths);
+        1 to 16.
 
     Returns
     -------
@@ -84,7 +86,8 @@ def render(
         - textureless: no channel of the noise-free picture deviates by more than 1.5 grey levels (standard
           deviation) within 9×9 px;
         - thin: thin structures; slanted: planes not parallel to the picture; smooth: curved surfaces;
-        - in the scenes after the benchmark's stratified ones, the masks of its metrics.
+        - the 4D Light Field Benchmark's, made of these: discontinuities, planes, smooth_surfaces, fine,
+          fine_surrounding; and in the scenes after its stratified ones the masks of their metrics.
 
     Raises
     ------
@@ -103,14 +106,14 @@ def save(
     seed: int = 0,
     noise: float | None = None,
     samples: int = 3,
+    progress: photoreal.Progress | None = None,
 ) -> LightField:
     """Render a scene into a folder in the layout of the 4D Light Field Benchmark, all of it or nothing.
 
     The folder holds `input_CamNNN.png`, `parameters.cfg`, the truth at the size of the views and at ten times
     that (`gt_disp_lowres.pfm`, `gt_disp_highres.pfm`), and masks of both sizes (`mask_NAME_lowres.png`,
-    `mask_NAME_highres.png`): those of `render`, the benchmark's `discontinuities`, `planes`,
-    `smooth_surfaces`, `fine`, `fine_surrounding` where they apply, and in the stratified scenes those that
-    their metrics need. Masks are 0 and 255, but `boxes` and `dots_by_size`, which hold labels from 1.
+    `mask_NAME_highres.png`), which are those of `render`. Masks are 0 and 255, but `boxes` and
+    `dots_by_size`, which hold labels from 1.
 
     Parameters
     ----------
@@ -118,6 +121,8 @@ def save(
         As in `render`.
     folder : str or Path
         To be created; its parent has to exist. An empty folder or an earlier scene is replaced.
+    progress : callable, optional
+        Called with (views done, views in all, what comes next) while a path-traced scene is rendered.
 
     Returns
     -------
@@ -134,9 +139,58 @@ def save(
 
     folder = Path(folder)
     check_target(folder, is_ours)
-    rendering = _rendered(name, size, views, seed, noise, samples)
+    rendering = _rendered(name, size, views, seed, noise, samples, progress)
     write_folder(folder, rendering)
     return rendering.lf
+
+
+def high_resolution(name: str, *, size: int | tuple[int, int] = 256, seed: int = 0) -> HighResolution:
+    """Truth and masks of a procedural scene at ten times the size of its views, as `save` writes them.
+
+    Parameters
+    ----------
+    name : str
+        One of `NAMES`.
+    size, seed
+        As in `render`.
+
+    Raises
+    ------
+    LightFieldError
+        If the scene is none of `NAMES`, or an argument is out of its range.
+    """
+    _check(name in NAMES, f"scene {name!r} is not procedural; expected one of {', '.join(NAMES)}")
+    height, width = _pixels(size)
+    _check(seed >= 0, f"seed is {seed}; expected an integer >= 0")
+    from lfdepth.evaluation.truth import HighResolution
+    from lfdepth.scenes import rendering
+    from lfdepth.scenes.folder import FACTOR
+
+    scene = _RECIPES[name].build(Stage(height, width, seed))
+    return HighResolution(*rendering.geometry(scene, (height, width), FACTOR))
+
+
+def expected_seconds(
+    name: str,
+    *,
+    size: int | tuple[int, int] = 512,
+    views: int | tuple[int, int] = 9,
+    samples: int = 3,
+) -> float | None:
+    """How long `save` will take for a path-traced scene on this machine, s; None for others, which are quick.
+
+    A small picture is rendered to tell.
+
+    Raises
+    ------
+    LightFieldError
+        If there is no scene of that name, an argument is out of its range, or Mitsuba is not installed.
+    """
+    if isinstance(_described(name), Recipe):
+        return None
+    grid = _pair(views, "views", 3, MOST_VIEWS)
+    _check(1 <= samples <= 16, f"samples is {samples}; expected 1 to 16")
+    return photoreal.expected_seconds(name, _pixels(size), grid, samples)
 
 
 def _rendered(
@@ -146,16 +200,17 @@ def _rendered(
     seed: int,
     noise: float | None,
     samples: int,
+    progress: photoreal.Progress | None = None,
 ) -> Rendering:
     """Check the arguments of `render`; build and render the scene."""
     recipe = _described(name)
-    height, width = _pair(size, "size", SMALLEST, 1 << 14)
+    height, width = _pixels(size)
     grid = _pair(views, "views", 3, MOST_VIEWS)
     _check(seed >= 0, f"seed is {seed}; expected an integer >= 0")
     _check(noise is None or 0 <= noise < 256, f"noise is {noise}; expected 0 to 255 grey levels")
     _check(1 <= samples <= 16, f"samples is {samples}; expected 1 to 16")
     if not isinstance(recipe, Recipe):
-        return photoreal.render(name, (height, width), grid, seed, noise, samples)
+        return photoreal.render(name, (height, width), grid, seed, noise, samples, progress)
     from lfdepth.scenes import rendering  # numba loads late
 
     scene = recipe.build(Stage(height, width, seed))
@@ -166,6 +221,10 @@ def _described(name: str) -> Recipe | photoreal.Motif:
     known = _RECIPES | photoreal.MOTIFS
     _check(name in known, f"scene {name!r} does not exist; expected one of {', '.join(known)}")
     return known[name]
+
+
+def _pixels(size: int | tuple[int, int]) -> tuple[int, int]:
+    return _pair(size, "size", SMALLEST, 1 << 14)
 
 
 def _pair(value: int | tuple[int, int], what: str, least: int, most: int) -> tuple[int, int]:

@@ -13,7 +13,6 @@ from lfdepth.io.atomic import atomic_folder
 from lfdepth.io.pfm import write_pfm
 from lfdepth.io.record import Record
 from lfdepth.lightfield import LightField
-from lfdepth.scenes import masks
 from lfdepth.scenes.rendering import Rendering
 
 FACTOR = 10
@@ -41,7 +40,7 @@ def write_folder(path: Path, rendering: Rendering) -> None:
         for resolution, factor in (("lowres", 1), ("highres", FACTOR)):
             truth, labels = rendering.geometry(factor)
             write_pfm(folder / f"gt_disp_{resolution}.pfm", Record(truth))
-            _write_masks(folder, resolution, labels | masks.benchmark(labels, factor))
+            _write_masks(folder, resolution, labels)
         if "textureless" in lf.masks:
             _write_masks(folder, "lowres", {"textureless": lf.masks["textureless"].view(np.uint8)})
 

@@ -32,7 +32,7 @@ FLAT = 1.5
 
 
 def geometric(kinds: Kinds, truth: Map, layers: Index, scale: float = 1.0) -> dict[str, Labels]:
-    """Masks that follow from truth and layers: occlusion_boundary, and those that the layers count in.
+    """Masks that follow from truth and layers: occlusion_boundary, those of the layers, the benchmark's.
 
     Parameters
     ----------
@@ -48,15 +48,15 @@ def geometric(kinds: Kinds, truth: Map, layers: Index, scale: float = 1.0) -> di
     dict of str to ndarray, shape (H, W)
         uint8: labels where a mask has them, else 1; only masks that are not empty.
     """
-    boundary = dilate(jumps(truth, layers), REACH * scale)
+    boundary = dilate(jumps(truth, layers, apart=round(scale)), REACH * scale)
     masks = {"occlusion_boundary": boundary.view(np.uint8)}
     for name, table in _label_tables(kinds).items():
         masks[name] = table[layers]
-    return {name: mask for name, mask in masks.items() if mask.any()}
+    return with_benchmark({name: mask for name, mask in masks.items() if mask.any()}, scale)
 
 
-def benchmark(masks: Mapping[str, Labels], scale: float = 1.0) -> dict[str, Labels]:
-    """The masks that the 4D Light Field Benchmark has for photo-realistic scenes, from ours."""
+def with_benchmark(masks: Mapping[str, Labels], scale: float = 1.0) -> dict[str, Labels]:
+    """The masks, and those that the 4D Light Field Benchmark has for photo-realistic scenes, made of them."""
     some = next(iter(masks.values()), np.zeros((0, 0), np.uint8))
     have = {name: masks.get(name, np.zeros_like(some)) > 0 for name in OURS}
     boundary, thin = have["occlusion_boundary"], have["thin"]
@@ -67,7 +67,7 @@ def benchmark(masks: Mapping[str, Labels], scale: float = 1.0) -> dict[str, Labe
         "fine": thin,
         "fine_surrounding": dilate(thin, REACH * scale) & ~thin,
     }
-    return {name: mask.view(np.uint8) for name, mask in theirs.items() if mask.any()}
+    return {**masks, **{name: mask.view(np.uint8) for name, mask in theirs.items() if mask.any()}}
 
 
 def _label_tables(kinds: Kinds) -> dict[str, Labels]:
@@ -93,18 +93,31 @@ def _kind(surface: Surface) -> dict[str, int]:
     return {}
 
 
-def jumps(truth: Map, layers: Index | None = None) -> Mask:
-    """Pixels next to one (of another layer, where layers are given) whose disparity differs by over JUMP."""
+def jumps(truth: Map, layers: Index | None = None, apart: int = 1) -> Mask:
+    """Pixels next to one (of another layer, where layers are given) whose disparity differs by over JUMP.
+
+    The difference is that of the two pixels, or of those `apart` px from each other on either side: surfaces
+    that meet steeply jump in the views' pixels (`apart` of the map's) although they do not in smaller ones.
+    """
     edge = np.zeros(truth.shape, dtype=np.bool_)
     for axis in (0, 1):
-        near = np.abs(np.diff(truth, axis=axis)) > JUMP
+        near = _differ(truth, axis, 1)
         if layers is not None:
+            near |= _differ(truth, axis, apart)
             near &= np.diff(layers, axis=axis) != 0
         ahead, behind = [slice(None)] * 2, [slice(None)] * 2
         ahead[axis], behind[axis] = slice(1, None), slice(None, -1)
         edge[tuple(ahead)] |= near
         edge[tuple(behind)] |= near
     return edge
+
+
+def _differ(truth: Map, axis: int, apart: int) -> Mask:
+    """Between which neighbours along an axis the disparity changes by over JUMP within `apart` px."""
+    between, last = np.arange(truth.shape[axis] - 1), truth.shape[axis] - 1
+    before = truth.take(np.maximum(between - (apart - 1) // 2, 0), axis)
+    after = truth.take(np.minimum(between + 1 + apart // 2, last), axis)
+    return np.asarray(np.abs(after - before) > JUMP)
 
 
 @njit(cache=True, nogil=True)

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -45,16 +46,18 @@ def render(
     samples: int,
 ) -> Rendering:
     """Render all views of a scene, its truth and masks."""
-    packed, kinds = pack(scene), kinds_of(scene)
-
-    def geometry(factor: int) -> tuple[Map, dict[str, Labels]]:
-        truth, layers = trace(packed, size, factor)
-        return truth, geometric(kinds, truth, layers, factor)
-
+    packed = pack(scene)
     level = np.float32(scene.noise if noise is None else noise)
     pictures = _render_views(packed, size, views, seed, level * noise_share(scene), samples)
     flat = textureless(kernels.render_view(packed, 0.0, 0.0, *size, samples))
-    return Rendering(assemble(name, pictures, geometry(1), {"textureless": flat}), geometry)
+    at = partial(geometry, scene, size)
+    return Rendering(assemble(name, pictures, at(1), {"textureless": flat}), at)
+
+
+def geometry(scene: Scene, size: tuple[int, int], factor: int) -> tuple[Map, dict[str, Labels]]:
+    """Truth and masks of the reference view, (H, W) times `factor`."""
+    truth, layers = trace(pack(scene), size, factor)
+    return truth, geometric(kinds_of(scene), truth, layers, factor)
 
 
 def assemble(
