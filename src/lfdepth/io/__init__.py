@@ -24,13 +24,22 @@ from lfdepth.io.record import as_depth, as_record, checked_map
 from lfdepth.io.source import Selection, assemble
 from lfdepth.io.stack import unreadable
 from lfdepth.io.tiff import read_tiff, write_tiff
+from lfdepth.io.writing import check_light_field_writable, write_light_field
 from lfdepth.io.zarr_store import is_zarr, read_zarr, write_zarr
 from lfdepth.lightfield import LightField
 
 if TYPE_CHECKING:
     from lfdepth.sweep.run import Result
 
-__all__ = ["FORMATS", "check_writable", "read", "read_confidence", "read_disparity", "write"]
+__all__ = [
+    "FORMATS",
+    "check_light_field_writable",
+    "check_writable",
+    "read",
+    "read_confidence",
+    "read_disparity",
+    "write",
+]
 
 _WRITERS = {
     ".pfm": write_pfm,
@@ -136,38 +145,49 @@ def read(
 
 def write(
     path: str | Path,
-    result: Result | npt.NDArray[Any],
+    result: Result | LightField | npt.NDArray[Any],
     *,
     scene: LightField | None = None,
     quantity: Literal["disparity", "depth"] = "disparity",
     mesh: bool = False,
+    format: str | None = None,
 ) -> None:
-    """Write a map, or the points it stands for, in the format that the path's ending names.
+    """Write a map, the points it stands for, or a light field, in the format that the path's ending names.
 
-    The file is complete or not there: it is written under a temporary name, then renamed.
+    What is written is complete or not there: it is written under a temporary name, then renamed.
 
     Parameters
     ----------
     path : str or Path
-        Ends in `.pfm`, `.npy`, `.tif`, `.tiff` (the map as float), `.png` (16 bits, its scale in a `.json`
-        beside it), `.exr` (map and confidence), `.npz`, `.zarr` (disparity, confidence, range, runtime in
-        s, and the method's parameters as JSON) or `.ply` (coloured points, in metres).
-    result : Result or ndarray
-        What `estimate` returned, or a disparity map (H, W) in px per view step.
+        For a map, ends in `.pfm`, `.npy`, `.tif`, `.tiff` (the map as float), `.png` (16 bits, its scale in a
+        `.json` beside it), `.exr` (map and confidence), `.npz`, `.zarr` (disparity, confidence, range,
+        runtime in s, and the method's parameters as JSON) or `.ply` (coloured points, in metres).
+        For a light field, ends in `.npz`, `.h5`, `.hdf5`, `.zarr`, `.mat` (the views as array `LF` of shape
+        (V, U, H, W, C), and all that is known of them), `.npy`, `.tif`, `.tiff` (a page for each view),
+        `_qsCxRaA.png` (a quilt of one row of views); or is a folder, for a picture of each view.
+    result : Result, ndarray or LightField
+        What `estimate` returned, or a disparity map (H, W) in px per view step; or a light field. That is
+        read back as it was: samples, absent views, range and camera; truth and masks, too, from folders,
+        `.npz`, `.h5`, `.zarr` and `.mat`.
     scene : LightField, optional
         Where the result comes from; needed for depth and PLY, with its camera.
     quantity : {"disparity", "depth"}
         What the map holds: px per view step, or metres along the optical axis.
     mesh : bool
         PLY only: connect the points by triangles, cut at occlusion boundaries.
+    format : str, optional
+        Light fields only: name of the format, such as "benchmark" for a folder in the benchmark's layout.
 
     Raises
     ------
     LightFieldError
-        If the ending is unknown, the map is not finite, metres are asked for and the camera is unknown, or
-        the file cannot be written.
+        If the ending is unknown, the format cannot hold the light field, the map is not finite, metres are
+        asked for and the camera is unknown, or the file cannot be written.
     """
     path = Path(path)
+    if isinstance(result, LightField):
+        write_light_field(path, result, format)
+        return
     _check_ending(path, (*_WRITERS, _POINTS))
     record = as_record(result)
     if path.suffix.lower() == _POINTS:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from configparser import ConfigParser
 from configparser import Error as ConfigError
 from dataclasses import dataclass
@@ -13,16 +14,18 @@ import numpy.typing as npt
 
 from lfdepth.camera import Camera
 from lfdepth.errors import LightFieldError
+from lfdepth.io.atomic import atomic_folder
 from lfdepth.io.layout import Layout, size
-from lfdepth.io.pfm import read_pfm
-from lfdepth.io.picture import read_picture
-from lfdepth.io.record import checked_map
+from lfdepth.io.pfm import read_pfm, write_pfm
+from lfdepth.io.picture import checked_name, read_picture, write_mask, write_picture
+from lfdepth.io.record import Record, checked_map
 from lfdepth.io.source import ViewSource
-from lfdepth.lightfield import check_range
+from lfdepth.lightfield import LightField, check_range
 
 _VIEW = re.compile(r"input_Cam(\d+)\.png")
 _MASK = re.compile(r"mask_(\w+)_lowres\.png")
 _CONFIG = "parameters.cfg"
+_MARK = "# Written by lfdepth"
 _TRUTH = "gt_disp_lowres.pfm"
 
 
@@ -79,6 +82,74 @@ def open_benchmark(path: Path, layout: Layout) -> ViewSource:
     )
 
 
+def write_benchmark(path: Path, lf: LightField) -> None:
+    """Write a folder in the benchmark's layout, which many tools read.
+
+    An empty folder, or one that was written so, is replaced.
+
+    Raises
+    ------
+    LightFieldError
+        If the light field has no camera or no disparity range, both of which `parameters.cfg` has to hold, or
+        if its samples are float.
+    """
+    if lf.views.dtype == np.float32:
+        raise LightFieldError(f"{path}: float views; expected 8 or 16 bits; write another format instead")
+    if lf.camera is None or lf.disparity_range is None:
+        absent = "camera" if lf.camera is None else "disparity range"
+        raise LightFieldError(
+            f"{path}: the {absent} is unknown; expected it for {_CONFIG}; give it, or write a plain "
+            "folder of views"
+        )
+    with atomic_folder(path, holds_benchmark) as folder:
+        for number, (v, u) in enumerate(np.ndindex(*lf.shape[:2])):
+            if lf.present is None or lf.present[v, u]:
+                write_picture(folder / _view_name(number), lf.views[v, u])
+        text = _parameters_text(lf.shape, lf.camera, lf.disparity_range, path.name)
+        (folder / _CONFIG).write_text(text, encoding="utf-8")
+        if lf.truth is not None:
+            write_pfm(folder / _TRUTH, Record(lf.truth))
+        for name, mask in lf.masks.items():
+            write_mask(folder / f"mask_{checked_name(name, path)}_lowres.png", mask)
+
+
+def holds_benchmark(path: Path) -> bool:
+    """Whether a folder is empty, or holds nothing but what `write_benchmark` puts there."""
+    names = {entry.name for entry in path.iterdir()}
+    others = names - {_CONFIG, _TRUTH}
+    known = all(_VIEW.fullmatch(name) or _MASK.fullmatch(name) for name in others)
+    return not names or (known and _is_marked(path / _CONFIG))
+
+
+def _is_marked(config: Path) -> bool:
+    return config.is_file() and config.read_text(encoding="utf-8", errors="replace").startswith(_MARK)
+
+
+def _parameters_text(
+    shape: tuple[int, ...], camera: Camera, disparity_range: tuple[float, float], name: str
+) -> str:
+    x, y = camera.principal_point
+    axis = f"principal_point_x_px = {x!r}\nprincipal_point_y_px = {y!r}\n" if camera.centre else ""
+    return f"""{_MARK}
+[intrinsics]
+focal_length_mm = {camera.focal_length_mm!r}
+image_resolution_x_px = {camera.width}
+image_resolution_y_px = {camera.height}
+sensor_size_mm = {camera.sensor_size_mm!r}
+{axis}
+[extrinsics]
+num_cams_x = {shape[1]}
+num_cams_y = {shape[0]}
+baseline_mm = {camera.baseline_mm!r}
+focus_distance_m = {camera.focus_distance_m!r}
+
+[meta]
+scene = {name}
+disp_min = {disparity_range[0]!r}
+disp_max = {disparity_range[1]!r}
+"""
+
+
 def read_parameters(path: Path) -> Parameters:
     """Read the benchmark's `parameters.cfg`.
 
@@ -123,11 +194,19 @@ def read_parameters(path: Path) -> Parameters:
             focus_distance_m=number("extrinsics", "focus_distance_m"),
             width=count("intrinsics", "image_resolution_x_px"),
             height=count("intrinsics", "image_resolution_y_px"),
+            centre=_axis(config, number),
         )
     except LightFieldError as error:
         message = str(error)
         raise LightFieldError(message if str(path) in message else f"{path}: {message}") from None
     return Parameters(camera, grid, disparity_range)
+
+
+def _axis(config: ConfigParser, number: Callable[[str, str], float]) -> tuple[float, float] | None:
+    """Where the optical axis is, which only crops have to say; the benchmark has no such values."""
+    if not config.has_option("intrinsics", "principal_point_x_px"):
+        return None
+    return number("intrinsics", "principal_point_x_px"), number("intrinsics", "principal_point_y_px")
 
 
 def _view_files(path: Path) -> dict[int, Path]:

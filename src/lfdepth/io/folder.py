@@ -5,19 +5,27 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import gcd
 from pathlib import Path
 
 import numpy as np
 
 from lfdepth.errors import LightFieldError
+from lfdepth.io.atomic import atomic_folder
 from lfdepth.io.layout import Layout, size
-from lfdepth.io.picture import ENDINGS, read_picture
+from lfdepth.io.notes import FILE, MASK, TRUTH, Notes, notes_of, read_notes
+from lfdepth.io.pfm import read_pfm, write_pfm
+from lfdepth.io.picture import ENDINGS, checked_name, read_picture, write_mask, write_picture
+from lfdepth.io.record import Record
 from lfdepth.io.source import ViewSource
+from lfdepth.lightfield import LightField
 
 # Stanford (new) light field archive: out_ROW_COLUMN_Y_X.png with the camera's position on the gantry.
 _STANFORD = re.compile(r"out_(\d+)_(\d+)_-?\d+(?:\.\d+)?_-?\d+(?:\.\d+)?_?")
+# What `write_folder` calls views, the truth, and the folder of masks.
+_OWN = re.compile(r"view_v(\d+)_u(\d+)\.(?:png|tif)")
+_TRUTH, _MASKS = "truth.pfm", "masks"
 _ROW_TAGS = {"v", "y", "r", "row"}
 _COLUMN_TAGS = {"u", "x", "c", "col", "column"}
 
@@ -43,8 +51,8 @@ class _Name:
 
 
 def recognise(path: Path) -> bool:
-    """True for a folder with more than one picture."""
-    return path.is_dir() and len(_pictures(path)) > 1
+    """True for a folder with more than one picture, or with notes of lfdepth's own."""
+    return path.is_dir() and ((path / FILE).is_file() or len(_pictures(path)) > 1)
 
 
 def open_folder(path: Path, layout: Layout) -> ViewSource:
@@ -53,7 +61,7 @@ def open_folder(path: Path, layout: Layout) -> ViewSource:
     The names are alike but for their numbers. Two numbers that differ between files are row and column, or
     column and row where letters before them say so (`u`, `x`, `c`, `col` and `v`, `y`, `r`, `row`). One
     number that differs counts the views row by row, or along a single row or column where a letter says so.
-    Numbers may start anywhere and go in steps.
+    Numbers may start anywhere and go in steps. Folders that lfdepth wrote have notes, which say more.
 
     Raises
     ------
@@ -61,6 +69,9 @@ def open_folder(path: Path, layout: Layout) -> ViewSource:
         If names do not fit together, views are missing and it is not meant, or the grid is not the one
         asked for.
     """
+    notes = read_notes(path / FILE)
+    if notes is not None:
+        return _open_own(path, layout, notes)
     names = [_Name.of(file) for file in _pictures(path)]
     _check_alike(path, names)
     fields = [i for i in range(len(names[0].numbers)) if len({name.numbers[i] for name in names}) > 1]
@@ -76,6 +87,64 @@ def open_folder(path: Path, layout: Layout) -> ViewSource:
             "or a running number; rename them"
         )
     return _source(path, dict(_placed(names, positions, grid)), grid, layout)
+
+
+def write_folder(path: Path, lf: LightField) -> None:
+    """Write a picture for each view, `view_v00_u00.png`, and what else is known of the light field.
+
+    Float views become TIFF. Notes are in `lightfield.json`, the truth in `truth.pfm`, masks in the folder
+    `masks`. A folder that is empty, or holds nothing but these, is replaced.
+    """
+    ending = "tif" if lf.views.dtype == np.float32 else "png"
+    digits = max(2, len(str(max(lf.shape[:2]) - 1)))
+    with atomic_folder(path, holds_views) as folder:
+        for v, u in np.ndindex(*lf.shape[:2]):
+            if lf.present is None or lf.present[v, u]:
+                write_picture(folder / f"view_v{v:0{digits}d}_u{u:0{digits}d}.{ending}", lf.views[v, u])
+        (folder / FILE).write_text(notes_of(lf).text(), encoding="utf-8")
+        if lf.truth is not None:
+            write_pfm(folder / _TRUTH, Record(lf.truth))
+        if lf.masks:
+            (folder / _MASKS).mkdir()
+        for name, mask in lf.masks.items():
+            write_mask(folder / _MASKS / f"{checked_name(name, path)}.png", mask)
+
+
+def holds_views(path: Path) -> bool:
+    """Whether a folder is empty, or holds nothing but what `write_folder` puts there."""
+    names = {entry.name for entry in path.iterdir()} - {_TRUTH, _MASKS}
+    others = names - {FILE}
+    if not names:
+        return not any(path.iterdir())
+    return read_notes(path / FILE) is not None and all(map(_OWN.fullmatch, others))
+
+
+def _open_own(path: Path, layout: Layout, notes: Notes) -> ViewSource:
+    """A folder that `write_folder` wrote: names are positions in the grid that the notes tell."""
+    grid = notes.shape[:2]
+    _check_grid(path, grid, layout)
+    source = _source(path, _own_files(path, grid), grid, Layout(partial=True))
+    if source.present is not None:
+        missing = ~source.present if notes.present is None else ~source.present & notes.present
+        row, column = divmod(int(np.argmax(missing)), grid[1])
+        layout.checked(~missing, str(path), f"row {row}, column {column}")
+    truth = {TRUTH: read_pfm(path / _TRUTH)} if (path / _TRUTH).exists() else {}
+    masks = {f"{MASK}{file.stem}": read_picture(file) for file in sorted((path / _MASKS).glob("*.png"))}
+    return replace(notes.annotate(source, truth | masks), present=source.present)
+
+
+def _own_files(path: Path, grid: tuple[int, int]) -> dict[tuple[int, int], Path]:
+    files = {}
+    for file in _pictures(path):
+        named = _OWN.fullmatch(file.name)
+        position = (int(named[1]), int(named[2])) if named else grid
+        if position[0] >= grid[0] or position[1] >= grid[1]:
+            raise LightFieldError(
+                f"{file}: surplus picture; expected view_vROW_uCOLUMN in a grid of {size(grid)}, as {FILE} "
+                "says; move it elsewhere"
+            )
+        files[position] = file
+    return files
 
 
 def _pictures(path: Path) -> list[Path]:

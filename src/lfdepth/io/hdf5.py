@@ -11,9 +11,12 @@ import numpy.typing as npt
 
 from lfdepth.camera import Camera
 from lfdepth.io import signature, stack
+from lfdepth.io.atomic import atomic
 from lfdepth.io.extras import need
 from lfdepth.io.layout import Layout
+from lfdepth.io.notes import KEY, Bundle
 from lfdepth.io.source import ViewSource
+from lfdepth.lightfield import LightField
 
 # The files give the focal length in pixels; any sensor size states the same camera.
 _NOMINAL_SENSOR_MM = 36.0
@@ -40,14 +43,23 @@ def open_hdf5(path: Path, layout: Layout) -> ViewSource:
     file = open_file(path, "hdf5")
     try:
         arrays = datasets(file)
-        name = stack.choose_array({name: array.shape for name, array in arrays.items()}, path)
-        source = stack.open_stack(arrays[name], path, layout, close=file.close)
-        if name == "LF" and {"dH", "focalLength", "shift"} <= set(file.attrs):
+        source = stack.open_arrays(arrays, file.attrs.get(KEY), path, layout, close=file.close)
+        if "LF" in arrays and {"dH", "focalLength", "shift"} <= set(file.attrs):
             return _older_benchmark(source, file, arrays)
         return source
     except BaseException:
         file.close()
         raise
+
+
+def write_views_hdf5(path: Path, lf: LightField) -> None:
+    """Write the dataset `LF` (V, U, H, W, C); truth and masks beside it, the notes as an attribute."""
+    h5py = need("h5py", "hdf5", path)
+    bundle = Bundle.of(lf)
+    with atomic(path) as temporary, h5py.File(temporary, "w") as file:
+        for name, array in bundle.arrays.items():
+            file.create_dataset(name, data=array)
+        file.attrs[KEY] = bundle.text
 
 
 def open_file(path: Path, extra: str) -> Any:

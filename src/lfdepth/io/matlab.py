@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from math import prod
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from lfdepth.errors import LightFieldError
 from lfdepth.io import hdf5, signature, stack
+from lfdepth.io.atomic import atomic
 from lfdepth.io.extras import need
 from lfdepth.io.layout import Layout
+from lfdepth.io.notes import KEY, Bundle, parse_notes
 from lfdepth.io.source import ViewSource
+from lfdepth.lightfield import LightField
+
+_MOST = 2 << 30
 
 
 def recognise(path: Path) -> bool:
@@ -40,20 +47,41 @@ def _open_5(path: Path, layout: Layout) -> ViewSource:
         variables = scipy_io.loadmat(path, simplify_cells=True)
     except Exception as error:  # SciPy lets struct.error, zlib.error, TypeError and others through
         raise stack.unreadable(path, error) from None
+    text = variables.get(KEY)
     arrays = _numbers(variables)
-    name = stack.choose_array({name: array.shape for name, array in arrays.items()}, path)
-    return stack.open_stack(arrays[name], path, layout, channels=3)
+    notes = parse_notes(text, f"{path}: {KEY}")
+    if notes is not None and "LF" in arrays and arrays["LF"].size == prod(notes.shape):
+        arrays["LF"] = arrays["LF"].reshape(notes.shape)  # MATLAB drops axes of length 1
+    return stack.open_arrays(arrays, text, path, layout, channels=3)
 
 
 def _open_7_3(path: Path, layout: Layout) -> ViewSource:
     file = hdf5.open_file(path, "mat")
     try:
         arrays = {name: _Reversed(array) for name, array in hdf5.datasets(file).items()}
-        name = stack.choose_array({name: array.shape for name, array in arrays.items()}, path)
-        return stack.open_stack(arrays[name], path, layout, close=file.close, channels=3)
+        return stack.open_arrays(arrays, None, path, layout, close=file.close, channels=3)
     except BaseException:
         file.close()
         raise
+
+
+def write_views_mat(path: Path, lf: LightField) -> None:
+    """Write a MATLAB 5 file: `LF` (V, U, H, W, C), truth, masks and notes.
+
+    Raises
+    ------
+    LightFieldError
+        If SciPy is not installed, or an array has more than the 2 GiB that the format can hold.
+    """
+    scipy_io = need("scipy.io", "mat", path)
+    if lf.views.nbytes >= _MOST:
+        raise LightFieldError(
+            f"{path}: views take {lf.views.nbytes / 2**30:.1f} GiB; expected less than 2 GiB, which MATLAB 5 "
+            "files can hold; write HDF5 (.h5), which MATLAB reads as well"
+        )
+    bundle = Bundle.of(lf)
+    with atomic(path) as temporary, temporary.open("wb") as file:
+        scipy_io.savemat(file, {**bundle.arrays, KEY: bundle.text})
 
 
 class _Reversed:

@@ -6,9 +6,11 @@ import zipfile
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import cached_property
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,8 +19,10 @@ from lfdepth.errors import LightFieldError
 from lfdepth.io import limits, signature, stack
 from lfdepth.io.atomic import atomic
 from lfdepth.io.layout import Layout
+from lfdepth.io.notes import KEY, Bundle, beside, notes_of, read_notes
 from lfdepth.io.record import Record
 from lfdepth.io.source import ViewSource
+from lfdepth.lightfield import LightField
 
 
 def recognise_npy(path: Path) -> bool:
@@ -37,24 +41,26 @@ def open_npy(path: Path, layout: Layout) -> ViewSource:
     Raises
     ------
     LightFieldError
-        If the file is truncated or is no light field.
+        If the file is truncated or is no light field, or the notes beside it are garbled or about another.
     """
     with _readable(path):
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-    return stack.open_stack(array, path, layout)
+    notes = read_notes(beside(path))
+    source = stack.open_stack(array, path, layout, notes=notes)
+    return source if notes is None else notes.annotate(source)
 
 
 def open_npz(path: Path, layout: Layout) -> ViewSource:
-    """Open the light field in an NPZ archive.
+    """Open the light field in an NPZ archive; where it is not compressed, only the views asked for are read.
 
     Raises
     ------
     LightFieldError
         If the archive is damaged, holds no light field, or unpacks to more than `limits.MAX_BYTES`.
     """
-    headers = _read_headers(path)
-    name = stack.choose_array({name: shape for name, (shape, _) in headers.items()}, path)
-    return stack.open_stack(_read_member(path, name, headers), path, layout)
+    members = _read_members(path)
+    text = members[KEY][()] if KEY in members else None
+    return stack.open_arrays(members, text, path, layout)
 
 
 def read_npy(path: Path) -> npt.NDArray[Any]:
@@ -77,13 +83,13 @@ def read_npz(path: Path, name: str = "disparity") -> npt.NDArray[Any]:
     LightFieldError
         If the file is truncated, no NPZ file, holds no such array, or one larger than `limits.MAX_BYTES`.
     """
-    headers = _read_headers(path)
-    if name not in headers:
+    members = _read_members(path)
+    if name not in members:
         raise LightFieldError(
-            f"{path}: holds {', '.join(headers) or 'nothing'}; expected an array {name!r}; "
+            f"{path}: holds {', '.join(members) or 'nothing'}; expected an array {name!r}; "
             "save it under that name"
         )
-    return _read_member(path, name, headers)
+    return np.asarray(members[name][...])
 
 
 def holds(path: Path, name: str) -> bool:
@@ -94,7 +100,7 @@ def holds(path: Path, name: str) -> bool:
     LightFieldError
         If the file is truncated or no NPZ file.
     """
-    return name in _read_headers(path)
+    return name in _read_members(path)
 
 
 def write_npy(path: Path, record: Record) -> None:
@@ -117,32 +123,84 @@ def write_npz(path: Path, record: Record) -> None:
         np.savez(temporary, allow_pickle=False, **arrays)
 
 
-def _read_headers(path: Path) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
-    """Shape and sample type of each array in an archive, without unpacking any."""
-    headers = {}
-    with _readable(path), zipfile.ZipFile(path) as archive:
-        for member in archive.namelist():
-            if member.endswith(".npy"):
-                with archive.open(member) as file:
-                    headers[member.removesuffix(".npy")] = _read_header(file)
-    return headers
+def write_views_npy(path: Path, lf: LightField) -> None:
+    """Write the views (V, U, H, W, C), and beside them what NPY cannot hold, as `NAME.json`."""
+    with atomic(path) as temporary:
+        np.save(temporary, lf.views)
+        with atomic(beside(path)) as sidecar:
+            sidecar.write_text(notes_of(lf).text(), encoding="utf-8")
 
 
-def _read_header(file: Any) -> tuple[tuple[int, ...], np.dtype[Any]]:
+def write_views_npz(path: Path, lf: LightField) -> None:
+    """Write `LF` (V, U, H, W, C), not compressed; truth, masks and notes as arrays beside it."""
+    bundle = Bundle.of(lf)
+    with atomic(path) as temporary:
+        np.savez(temporary, allow_pickle=False, **{KEY: np.asarray(bundle.text)}, **bundle.arrays)
+
+
+@dataclass(frozen=True)
+class _Member:
+    """An array of an archive, read when a part of it is asked for.
+
+    Attributes
+    ----------
+    path, name
+        The archive, and the array's name in it.
+    shape, dtype, fortran_order
+        From its header.
+    start
+        Where the samples start in the archive, if they are not compressed.
+    """
+
+    path: Path
+    name: str
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    fortran_order: bool
+    start: int | None
+
+    def __getitem__(self, index: Any, /) -> Any:
+        return self._values[index]
+
+    @cached_property
+    def _values(self) -> npt.NDArray[Any]:
+        if self.start is not None and self.shape and 0 not in self.shape and not self.dtype.hasobject:
+            order: Any = "F" if self.fortran_order else "C"
+            with _readable(self.path):
+                return np.memmap(self.path, self.dtype, "r", self.start, self.shape, order)
+        limits.check_unpacked(self.path, prod(self.shape) * self.dtype.itemsize)
+        with _readable(self.path), np.load(self.path, allow_pickle=False) as archive:
+            return np.asarray(archive[self.name])
+
+
+def _read_members(path: Path) -> dict[str, _Member]:
+    """The arrays of an archive, without unpacking any."""
+    members = {}
+    with _readable(path), zipfile.ZipFile(path) as archive, path.open("rb") as raw:
+        for info in archive.infolist():
+            if info.filename.endswith(".npy"):
+                name = info.filename.removesuffix(".npy")
+                with archive.open(info) as file:
+                    shape, fortran_order, dtype = _read_header(file)
+                    header = file.tell()
+                whole = header + prod(shape) * dtype.itemsize == info.file_size
+                stored = whole and info.compress_type == zipfile.ZIP_STORED
+                start = _data_start(raw, info) + header if stored else None
+                members[name] = _Member(path, name, shape, dtype, fortran_order, start)
+    return members
+
+
+def _data_start(archive: IO[bytes], info: zipfile.ZipInfo) -> int:
+    """Where the bytes of a member start: behind its local header, whose last two fields have any length."""
+    archive.seek(info.header_offset + 26)
+    name, extra = (int.from_bytes(archive.read(2), "little") for _ in "12")
+    return info.header_offset + 30 + name + extra
+
+
+def _read_header(file: Any) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
     if np.lib.format.read_magic(file) == (1, 0):
-        shape, _, dtype = np.lib.format.read_array_header_1_0(file)
-    else:
-        shape, _, dtype = np.lib.format.read_array_header_2_0(file)
-    return shape, dtype
-
-
-def _read_member(
-    path: Path, name: str, headers: dict[str, tuple[tuple[int, ...], np.dtype[Any]]]
-) -> npt.NDArray[Any]:
-    shape, dtype = headers[name]
-    limits.check_unpacked(path, prod(shape) * dtype.itemsize)
-    with _readable(path), np.load(path, allow_pickle=False) as archive:
-        return np.asarray(archive[name])
+        return np.lib.format.read_array_header_1_0(file)
+    return np.lib.format.read_array_header_2_0(file)
 
 
 @contextmanager

@@ -5,6 +5,7 @@ Pillow would reduce 16-bit colour PNG to 8 bits, and does not read 16-bit colour
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,8 @@ from lfdepth.io.extras import need_tifffile
 ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 """File names that are taken for pictures."""
 
+# A third of the time of the usual level, for a tenth more bytes.
+_PNG_LEVEL = 3
 # The colour type in a PNG header.
 _PNG_MODES = {0: "L", 2: "RGB", 3: "P", 4: "LA", 6: "RGBA"}
 
@@ -61,6 +64,40 @@ def read_picture(path: Path, *, drop_alpha: bool = False) -> npt.NDArray[Any]:
             f"{path}: picture of mode {mode}; expected grey or RGB without palette or alpha; convert it"
         )
     return pixels if pixels.ndim == 3 else pixels[..., None]
+
+
+def write_picture(path: Path, pixels: npt.NDArray[Any]) -> None:
+    """Encode a grey or RGB picture (H, W, C) by the path's ending, exactly.
+
+    Parameters
+    ----------
+    path : Path
+        Ends in `.png` or `.tif`.
+    pixels : ndarray
+        uint8 or uint16; for TIFF also float32.
+    """
+    squeezed = np.ascontiguousarray(pixels[..., 0] if pixels.shape[2] == 1 else pixels)
+    if path.suffix.lower() == ".png":
+        import imagecodecs
+
+        path.write_bytes(imagecodecs.png_encode(squeezed, level=_PNG_LEVEL))
+    else:
+        photometric = "minisblack" if squeezed.ndim == 2 else "rgb"
+        need_tifffile(path).imwrite(path, squeezed, photometric=photometric, metadata=None)
+
+
+def write_mask(path: Path, mask: npt.NDArray[np.bool_]) -> None:
+    """Encode a mask (H, W) as a picture, white where it is True."""
+    write_picture(path, mask[..., None].astype(np.uint8) * np.uint8(255))
+
+
+def checked_name(name: str, folder: Path) -> str:
+    """A name that comes from a file, if it can be that of a file in a folder."""
+    if not re.fullmatch(r"\w[\w .+-]*", name):
+        raise LightFieldError(
+            f"{folder}: mask {name!r}; expected a name of letters, digits, spaces and _ . + -; rename it"
+        )
+    return name
 
 
 def _decode(path: Path, drop_alpha: bool) -> tuple[npt.NDArray[Any], str]:

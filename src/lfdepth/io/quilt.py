@@ -6,12 +6,16 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 
 from lfdepth.errors import LightFieldError
+from lfdepth.io.atomic import atomic
 from lfdepth.io.layout import Layout
-from lfdepth.io.picture import ENDINGS, read_picture
+from lfdepth.io.notes import beside, notes_of, read_notes
+from lfdepth.io.picture import ENDINGS, read_picture, write_picture
 from lfdepth.io.source import ViewSource
+from lfdepth.lightfield import LightField
 
 _NAME = re.compile(r".*_qs(\d+)x(\d+)(?:a\d+(?:\.\d+)?)?")
 
@@ -54,9 +58,43 @@ def open_quilt(path: Path, layout: Layout) -> ViewSource:
         row, column = rows - 1 - u // columns, u % columns
         return picture[row * height : (row + 1) * height, column * width : (column + 1) * width]
 
-    return ViewSource(
+    source = ViewSource(
         grid=(1, rows * columns),
         read_view=read_view,
         describe=lambda _, u: f"{path}: view {u}",
         name=path.stem,
     )
+    notes = read_notes(beside(path))
+    return source if notes is None else notes.annotate(source)
+
+
+def write_quilt(path: Path, lf: LightField) -> None:
+    """Write a row of views as `NAME_qsCxRaA.png`, and beside it what it cannot hold, as `NAME.json`.
+
+    Raises
+    ------
+    LightFieldError
+        If the name gives no tiles or not as many as there are views, the views are not one row, or float.
+    """
+    named = _NAME.fullmatch(path.stem)
+    v, u, height, width, channels = lf.shape
+    columns, rows = (int(named[1]), int(named[2])) if named else (0, 0)
+    if (v, u) != (1, columns * rows):
+        raise LightFieldError(
+            f"{path}: {u}x{v} views; expected a single row of them, and a name NAME_qsCxRaA.png with C "
+            f"times R tiles; if there are more rows, read them with --views {u}x1 (views=(1, {u}) in "
+            f"Python); call it {_suggestion(path, lf)}"
+        )
+    if lf.views.dtype == np.float32:
+        raise LightFieldError(f"{path}: float views; expected 8 or 16 bits; write .tif or .npz instead")
+    tiles = lf.views[0].reshape(rows, columns, height, width, channels)[::-1]
+    picture = tiles.transpose(0, 2, 1, 3, 4).reshape(rows * height, columns * width, channels)
+    with atomic(path) as temporary:
+        write_picture(temporary, picture)
+        with atomic(beside(path)) as sidecar:
+            sidecar.write_text(notes_of(lf).text(), encoding="utf-8")
+
+
+def _suggestion(path: Path, lf: LightField) -> str:
+    name = re.sub(r"_qs[^_]*$", "", path.stem)
+    return f"{name}_qs{lf.shape[1]}x1a{round(lf.width / lf.height, 3):g}.png"

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from lfdepth.errors import LightFieldError
 from lfdepth.io.layout import Layout, size
+from lfdepth.io.notes import KEY, Notes, parse_notes
 from lfdepth.io.source import ViewSource
 
 # What light field arrays are called, the likeliest first.
@@ -56,12 +57,43 @@ def choose_array(shapes: Mapping[str, tuple[int, ...]], path: Path) -> str:
     raise LightFieldError(f"{path}: holds {found}; expected one light field (V, U, H, W, C); name it LF")
 
 
+def open_arrays(
+    arrays: Mapping[str, Array],
+    text: object,
+    path: Path,
+    layout: Layout,
+    close: Callable[[], None] = lambda: None,
+    channels: int | None = None,
+) -> ViewSource:
+    """The light field among the named arrays of a file, with what the file's notes say of it.
+
+    Parameters
+    ----------
+    arrays : mapping
+        Arrays by name.
+    text : object
+        What the file has under the name `notes.KEY`; None if nothing.
+    path, layout, close, channels
+        As for `open_stack`.
+
+    Raises
+    ------
+    LightFieldError
+        If there is no light field, or several, or the notes are garbled.
+    """
+    notes = None if text is None else parse_notes(text, f"{path}: {KEY}")
+    name = choose_array({name: array.shape for name, array in arrays.items()}, path)
+    source = open_stack(arrays[name], path, layout, close, channels, notes)
+    return source if notes is None else notes.annotate(source, arrays)
+
+
 def open_stack(
     array: Array,
     path: Path,
     layout: Layout,
     close: Callable[[], None] = lambda: None,
     channels: int | None = None,
+    notes: Notes | None = None,
 ) -> ViewSource:
     """Views of an array.
 
@@ -78,13 +110,18 @@ def open_stack(
         Called when all views are read.
     channels : int, optional
         Channels of the array that are read, if it has more.
+    notes : Notes, optional
+        What is known of the array; else the order of its axes is found out by their lengths.
 
     Raises
     ------
     LightFieldError
-        If no order of axes fits, or the samples are neither 8-bit, 16-bit nor float.
+        If the array is not the one that the notes are about, no order of axes fits, or the samples are
+        neither 8-bit, 16-bit nor float.
     """
-    axes = _axes(array.shape, (1, 3) if channels is None else (1, 3, channels + 1))
+    if notes is not None:
+        _check_notes(array.shape, notes, path)
+    axes = "VUHWC" if notes else _axes(array.shape, (1, 3) if channels is None else (1, 3, channels + 1))
     if axes is None:
         raise LightFieldError(
             f"{path}: array of shape {array.shape}; expected (V, U, H, W, C) with C = 1 or 3; reorder the "
@@ -104,6 +141,8 @@ def open_stack(
         at = {"N": v * grid[1] + u, "V": v, "U": u}
         try:
             view = np.asarray(array[tuple(at.get(axis, slice(None)) for axis in axes)])
+        except LightFieldError:  # a ValueError, too
+            raise
         except (OSError, ValueError, RuntimeError) as error:
             raise unreadable(path, error) from error
         return _as_samples(_as_hwc(view, axes)[..., :channels])
@@ -121,6 +160,14 @@ def unreadable(path: Path, error: Exception) -> LightFieldError:
     """The error for a file that a library gave up on."""
     reason = " ".join(str(error).split())[:100] or type(error).__name__
     return LightFieldError(f"{path}: not readable ({reason}); expected a complete file; copy it again")
+
+
+def _check_notes(shape: tuple[int, ...], notes: Notes, path: Path) -> None:
+    if shape != notes.shape:
+        raise LightFieldError(
+            f"{path}: array of shape {shape}; expected {notes.shape}, as the notes that belong to it say; "
+            "write the light field again, or remove the notes"
+        )
 
 
 def _axes(shape: tuple[int, ...], colours: tuple[int, ...]) -> str | None:

@@ -15,9 +15,11 @@ from lfdepth.io import signature, stack
 from lfdepth.io.atomic import atomic
 from lfdepth.io.extras import need_tifffile
 from lfdepth.io.layout import Layout
+from lfdepth.io.notes import KEY, Notes, notes_of, parse_notes
 from lfdepth.io.picture import as_grey_or_rgb
 from lfdepth.io.record import Record
 from lfdepth.io.source import ViewSource
+from lfdepth.lightfield import LightField
 
 
 def recognise(path: Path) -> bool:
@@ -28,7 +30,8 @@ def recognise(path: Path) -> bool:
 def open_tiff(path: Path, layout: Layout) -> ViewSource:
     """Open a TIFF with a page for each view, row by row.
 
-    The grid is the one asked for, else what the file says of its axes, else a square.
+    The grid is that of the file's notes, else the one asked for, else what the file says of its axes, else a
+    square.
 
     Raises
     ------
@@ -39,6 +42,7 @@ def open_tiff(path: Path, layout: Layout) -> ViewSource:
     try:
         file = tifffile.TiffFile(path)
         count, axes = len(file.pages), tuple(file.series[0].shape)
+        description = str(file.pages[0].description)
     except Exception as error:  # tifffile raises many kinds on damaged files
         raise stack.unreadable(path, error) from None
     lock = Lock()  # the pages share one file handle
@@ -61,6 +65,9 @@ def open_tiff(path: Path, layout: Layout) -> ViewSource:
                 "quilt, say so "
                 "(format)"
             )
+        notes = _notes_in(description, path)
+        if notes is not None:
+            axes = notes.shape
         shaped = len(axes) > 3 and axes[0] * axes[1] == count
         grid = (
             (axes[0], axes[1])
@@ -70,13 +77,14 @@ def open_tiff(path: Path, layout: Layout) -> ViewSource:
     except BaseException:
         file.close()
         raise
-    return ViewSource(
+    source = ViewSource(
         grid=grid,
         read_view=read_view,
         describe=lambda v, u: f"{path}: page {v * grid[1] + u}",
         close=file.close,
         name=path.stem,
     )
+    return source if notes is None else notes.annotate(source)
 
 
 def read_tiff(path: Path) -> npt.NDArray[Any]:
@@ -92,6 +100,36 @@ def read_tiff(path: Path) -> npt.NDArray[Any]:
         return np.asarray(tifffile.imread(path))
     except Exception as error:
         raise stack.unreadable(path, error) from None
+
+
+def write_views_tiff(path: Path, lf: LightField) -> None:
+    """Write a page for each view, row by row; the notes are in the description of the first.
+
+    Raises
+    ------
+    LightFieldError
+        If tifffile is not installed, or views are 1 px wide, which it takes for another order of axes.
+    """
+    tifffile = need_tifffile(path)
+    if lf.width == 1:
+        raise LightFieldError(f"{path}: views 1 px wide; expected at least 2 px; write another format")
+    grey = lf.shape[4] == 1
+    with atomic(path) as temporary:
+        tifffile.imwrite(
+            temporary,
+            lf.views[..., 0] if grey else lf.views,
+            photometric="minisblack" if grey else "rgb",
+            planarconfig=None if grey else "contig",
+            metadata={KEY: notes_of(lf).text()},
+        )
+
+
+def _notes_in(description: str, path: Path) -> Notes | None:
+    try:
+        text = json.loads(description)[KEY]
+    except (ValueError, TypeError, KeyError):  # somebody else's description
+        return None
+    return parse_notes(text, f"{path}: {KEY}")
 
 
 def write_tiff(path: Path, record: Record) -> None:

@@ -13,8 +13,10 @@ from lfdepth.io import stack
 from lfdepth.io.atomic import atomic_folder
 from lfdepth.io.extras import need
 from lfdepth.io.layout import Layout
+from lfdepth.io.notes import KEY, Bundle
 from lfdepth.io.record import Record
 from lfdepth.io.source import ViewSource
+from lfdepth.lightfield import LightField
 
 _MARKERS = ("zarr.json", ".zarray", ".zgroup")
 
@@ -35,9 +37,7 @@ def open_zarr(path: Path, layout: Layout) -> ViewSource:
     root = _open(path)
     if hasattr(root, "shape"):
         return stack.open_stack(root, path, layout)
-    arrays = dict(root.arrays())
-    name = stack.choose_array({name: array.shape for name, array in arrays.items()}, path)
-    return stack.open_stack(arrays[name], path, layout)
+    return stack.open_arrays(dict(root.arrays()), root.attrs.get(KEY), path, layout)
 
 
 def read_zarr(path: Path) -> npt.NDArray[Any]:
@@ -73,6 +73,22 @@ def write_zarr(path: Path, record: Record) -> None:
         if record.confidence is not None:
             group.create_array("confidence", data=record.confidence)
         group.attrs.update({key: value for key, value in attributes.items() if value is not None})
+
+
+def write_views_zarr(path: Path, lf: LightField) -> None:
+    """Write a group with `LF` (V, U, H, W, C), a chunk for each view; truth and masks beside it.
+
+    The notes are an attribute.
+    """
+    zarr = need("zarr", "zarr", path)
+    bundle = Bundle.of(lf)
+    with atomic_folder(path, replaceable=is_zarr) as temporary:
+        group = zarr.open_group(str(temporary), mode="w", zarr_format=2)
+        for name, array in bundle.arrays.items():
+            group.create_array(
+                name, data=array, chunks=(1, 1, *array.shape[2:]) if array.ndim == 5 else "auto"
+            )
+        group.attrs[KEY] = bundle.text
 
 
 def _open(path: Path) -> Any:
