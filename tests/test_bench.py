@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numba import njit
 from PIL import Image
 
 import lfdepth
@@ -18,7 +19,7 @@ from lfdepth import scenes
 from lfdepth.errors import LightFieldError
 from lfdepth.evaluation import evaluate, report
 from lfdepth.evaluation.bench import Bench, Entry, SceneResult, bench, read_external
-from lfdepth.evaluation.cache import Found
+from lfdepth.evaluation.cache import Found, timed_estimate
 from lfdepth.evaluation.charts import Axis
 from lfdepth.evaluation.plan import SceneSpec, cross, read_plan, setting
 from lfdepth.evaluation.published import published_rows
@@ -100,6 +101,23 @@ def test_the_cache_tells_parameters_ranges_and_views_apart(
         assert len(fixed_clock) == count
     bench([scene], ["fbs:step=0.3"], tmp_path)
     assert len(fixed_clock) == 4
+
+
+def test_run_times_hold_no_compilation(scene: LightField, monkeypatch: pytest.MonkeyPatch) -> None:
+    true, called = run.estimate, list[bool]()
+
+    def estimate(lf: LightField, method: Any, **options: Any) -> run.Result:
+        called.append(lf is whole)
+        if called == [False, True]:  # a kernel that the small piece had no need of
+            njit(lambda x: x + 1)(1)
+        return true(lf, method, **options)
+
+    monkeypatch.setattr(run, "estimate", estimate)
+    whole = replace(scene, disparity_range=None)
+    timed_estimate(whole, lfdepth.method("fbs", step=0.2))
+    assert called == [False, True, True]
+    timed_estimate(whole, lfdepth.method("fbs", step=0.2))
+    assert called[3:] == [False, True]
 
 
 def test_a_damaged_run_in_the_cache_is_made_anew(

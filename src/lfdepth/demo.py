@@ -24,8 +24,6 @@ SMALLEST = 64
 PICTURE = "demo.png"
 """File name of the picture."""
 
-_WARM_UP = 40  # px, side of the piece on which every method runs once before its time is taken
-
 _COLUMNS = {
     "badpix_0.01": "BadPix 0.01",
     "badpix_0.03": "0.03",
@@ -114,9 +112,9 @@ def run_demo(
     if size < SMALLEST:
         raise LightFieldError(f"size: found {size}, expected at least {SMALLEST} px; choose a larger one")
     from lfdepth import evaluate, scenes
+    from lfdepth.evaluation.cache import timed_estimate
     from lfdepth.io.atomic import check_target
     from lfdepth.pictures import PanelRow, panel
-    from lfdepth.sweep.run import estimate
 
     say = announce or (lambda words: None)
     with _folder(Path(folder)) as made:
@@ -127,20 +125,11 @@ def run_demo(
         maps, scores = {}, {}
         for name in NAMES:
             say(f"estimating with {name}")
-            _warm_up(lf, name)
-            result = estimate(lf, name, progress=progress)
+            result = timed_estimate(lf, method(name), progress=progress)
             maps[name], scores[name] = result.disparity, evaluate(result, lf)
         row = PanelRow(lf.reference, maps, truth=lf.truth, name=lf.name, range=lf.disparity_range)
         panel(row, path=picture)
     return Demo(lf, scores, picture)
-
-
-def _warm_up(lf: LightField, name: str) -> None:
-    """Compile what the method needs, so that the table shows the time of its work alone."""
-    from lfdepth.sweep.run import estimate
-
-    piece = lf.crop(0, 0, _WARM_UP, _WARM_UP)
-    estimate(piece, name, planes=method(name).skip + 3)
 
 
 @contextmanager

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import ExitStack
 from typing import Any
+
+from lfdepth.compilation import on_compilation
 
 
 class Progress:
@@ -23,7 +24,7 @@ class Progress:
         self._listening = ExitStack()
 
     def __enter__(self) -> Progress:
-        self._listening.enter_context(_on_compilation(self._note_compilation))
+        self._listening.enter_context(on_compilation(self._note_compilation))
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -64,18 +65,3 @@ class Progress:
         if self._bar is not None:
             self._bar.close()
         self._bar = None
-
-
-def _on_compilation(act: Callable[[], None]) -> AbstractContextManager[Any]:
-    """While the context is open, act whenever numba compiles because its cache has nothing."""
-    from numba.core import event
-
-    class Listener(event.Listener):  # type: ignore[misc]  # numba has no types
-        def on_start(self, event: Any) -> None:
-            act()
-
-        def on_end(self, event: Any) -> None:
-            pass
-
-    context: AbstractContextManager[Any] = event.install_listener("numba:compile", Listener())
-    return context

@@ -95,6 +95,8 @@ class Study:
         Disparities, front to back.
     initial, smoothed : mapping of str to (K, h, w) array
         Votes `C` and smoothed votes `C̃` of the shown part, by method.
+    maps : mapping of str to (h, w) array
+        Disparity of the shown part, by method.
     row : int
         Row in the middle half of the shown part in which FBS decides wrongly most often.
     plane : int
@@ -109,6 +111,7 @@ class Study:
     planes: Array
     initial: Mapping[str, Array]
     smoothed: Mapping[str, Array]
+    maps: Mapping[str, Array]
     row: int
     plane: int
     skip: int
@@ -150,11 +153,11 @@ def study(lf: LightField, *, size: int = 120, threads: int | None = None, **opti
     outer = _widened(window, _MARGIN, lf)
     inner = Window(window.x - outer.x, window.y - outer.y, window.width, window.height)
     part = lf.crop(outer.x, outer.y, outer.width, outer.height)
-    volumes = {
-        name: estimate(part, name, keep_volume=True, threads=threads, **options).volumes
+    results = {
+        name: estimate(part, name, keep_volume=True, threads=threads, **options)
         for name in (PLAIN, OCCLUSION)
     }
-    kept = {name: each for name, each in volumes.items() if each is not None}
+    kept = {name: each.volumes for name, each in results.items() if each.volumes is not None}
     truth = window.of(lf.truth)
     smoothed = {name: each.smoothed[:, inner.rows, inner.columns] for name, each in kept.items()}
     return Study(
@@ -164,6 +167,7 @@ def study(lf: LightField, *, size: int = 120, threads: int | None = None, **opti
         planes=kept[PLAIN].planes,
         initial={name: each.initial[:, inner.rows, inner.columns] for name, each in kept.items()},
         smoothed=smoothed,
+        maps={name: inner.of(each.disparity) for name, each in results.items()},
         row=_telling_row(smoothed[PLAIN], truth, kept[PLAIN].planes),
         plane=_telling_plane(truth, kept[PLAIN].planes),
         skip=method(OCCLUSION, **options).skip,
@@ -197,7 +201,7 @@ def _telling_row(smoothed: Array, truth: Array, planes: Array) -> int:
 
 
 def figure2(found: Study) -> Pixels:
-    """Foreground fattening: slices of the volume along x and disparity, and along x and y.
+    """Foreground fattening: slices of the volume along x and disparity, and along x and y, and the maps.
 
     White: foreground, black: background, red: where a method decides otherwise than the truth.
     """
@@ -218,11 +222,15 @@ def figure2(found: Study) -> Pixels:
         Cell(_lined(decision_colours(each[found.plane], wanted[found.plane]), found.row), f"{name}, x and y")
         for name, each in decided.items()
     ]
+    range = span(found.truth)
+    maps = {"truth": found.truth, "FBS": found.maps[PLAIN], "FBSOCC": found.maps[OCCLUSION]}
+    disparity = [Cell(disparity_colours(each, range), f"{name}, disparity") for name, each in maps.items()]
     caption = [
         f"Slices of the volume: along the green row, nearest plane on top; D = {_signed(found.disparity)}.",
         "White: foreground, black: background, red: not as in the truth.",
     ]
-    return compose([Line(along), Line(across)], caption)
+    bar = Bar("viridis", range, DISPARITY_LABEL)
+    return compose([Line(along), Line(across), Line(disparity, bar)], caption)
 
 
 def _lined(pixels: Pixels, row: int) -> Pixels:
@@ -302,32 +310,41 @@ def _overlaid(view: Pixels, mask: Array) -> Pixels:
 
 
 def figure8(
-    reference: Array, maps: Mapping[str, Array], range: tuple[float, float], *, size: int = 64
+    reference: Array,
+    maps: Mapping[str, Array],
+    range: tuple[float, float],
+    *,
+    apart: tuple[str, str] = (PLAIN, OCCLUSION),
+    size: int = 64,
 ) -> Pixels:
-    """Maps of a real scene without truth, and two windows enlarged: those where the maps differ most.
+    """Maps of a real scene without truth, and two windows enlarged: those where two maps differ most.
 
     Parameters
     ----------
     reference : (H, W, C) array
     maps : mapping of str to (H, W) array
-        Disparity maps by method; the first and the last are compared to choose the windows.
+        Disparity maps by method.
     range : (float, float)
         Ends of the colour scale.
+    apart : (str, str)
+        The methods whose maps are compared to choose the windows.
     size : int
         Side of the windows in px.
     """
-    first, *_, last = maps.values()
-    windows = _apart(np.abs(first.astype(np.float64) - last), size)
+    first, second = (maps[name].astype(np.float64) for name in apart)
+    windows = _apart(np.abs(first - second), size)
     pictures = {"reference view": view_colours(reference)}
     pictures |= {name: disparity_colours(each, range) for name, each in maps.items()}
     bar = Bar("viridis", range, DISPARITY_LABEL)
     whole = [Cell(_marked(pixels, windows), name) for name, pixels in pictures.items()]
     factor = max(1, reference.shape[1] // size)
     lines = [Line(whole, bar)]
-    for window in windows:
+    for window, colour in zip(windows, ("red", "green"), strict=True):
         parts = [window.of(pixels).repeat(factor, 0).repeat(factor, 1) for pixels in pictures.values()]
-        lines.append(Line([Cell(part, "enlarged") for part in parts]))
-    return compose(lines, ["Red and green: windows in which the first and the last map differ most."])
+        lines.append(
+            Line([Cell(part, f"{colour}: {name}") for part, name in zip(parts, pictures, strict=True)])
+        )
+    return compose(lines, [f"Red and green: windows in which {apart[0]} and {apart[1]} differ most."])
 
 
 def _apart(weights: Array, size: int) -> list[Window]:

@@ -2,22 +2,20 @@
 
 Lee et al., IEEE Access 2021, DOI 10.1109/ACCESS.2021.3098819: table 1, figures 2 and 4 to 8, and the run
 times of section IV, with the paper's parameters (step 0.02 and J = 7 on synthetic scenes, 0.05 and 5 on real
-ones).
+ones). Beside the paper's methods stands `fbs-vis`, the default of today, with its own parameters.
 """
 
 from __future__ import annotations
 
-import time
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import pairwise
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 from lfdepth.errors import LightFieldError
-from lfdepth.evaluation.bench import Progress, bench, read_external
-from lfdepth.evaluation.cache import Cache, make_folder, one_line
+from lfdepth.evaluation.bench import Bench, Progress, bench, read_external
+from lfdepth.evaluation.cache import Cache, make_folder, one_line, timed_estimate
 from lfdepth.evaluation.figures import (
     OCCLUSION,
     PLAIN,
@@ -33,16 +31,17 @@ from lfdepth.evaluation.metrics import Array, mean_over_scenes
 from lfdepth.evaluation.plan import SceneSpec, Setting
 from lfdepth.evaluation.published import published_rows
 from lfdepth.evaluation.submission import HOME, SCENES, find_scenes
+from lfdepth.evaluation.tables import best
 from lfdepth.evaluation.tables import figures as printed
 from lfdepth.lightfield import LightField
-from lfdepth.methods import method
+from lfdepth.methods import Method, method
 from lfdepth.pictures import PanelRow, difference_map, panel, save
 
 SHOWN = ("boxes", "cotton", "backgammon", "pyramids")
 """Scenes of the paper's figures 6 and 7."""
 
-SUITE = ("demo", "bars", "leaves", "sphere")
-"""Procedural scenes that stand in for them where there is no data."""
+SUITE = ("demo", "leaves", "wedges", "solids")
+"""Procedural scenes that stand in for them where there is no data; the last two ask what those two ask."""
 
 SUITE_REAL = ("room", "noise-2", "gloss")
 """Procedural scenes with noise or gloss that stand in for real ones."""
@@ -55,7 +54,11 @@ REAL_RANGE = (-1.5, 1.5)
 
 SYNTHETIC: dict[str, Any] = {"preset": "paper-synthetic"}
 REAL: dict[str, Any] = {"preset": "paper-real"}
-METHODS = ("fbs", PLAIN, OCCLUSION)
+PAPERS = ("fbs", PLAIN, OCCLUSION)
+"""The paper's method and those it is built on."""
+
+TODAY = "fbs-vis"
+"""The default method, which is not the paper's; it keeps its own parameters."""
 
 PAPER_SECONDS = {
     (PLAIN, "synthetic"): 2.110,
@@ -108,7 +111,8 @@ def reproduce(
     data : path, optional
         Folder with scenes of the 4D Light Field Benchmark, each in a folder of its name, and Lytro pictures
         named `*eslf*.png`, at most two levels down. What is missing is listed and the rest runs. Without a
-        folder, or with nothing in it, procedural scenes stand in for all.
+        folder, or with nothing in it, procedural scenes stand in: the whole suite in table 1, and some of it
+        in the figures.
     external : sequence of path
         Folders with maps of other programs, as for `bench`, for table 1 and figure 6.
     real_range : (float, float)
@@ -141,7 +145,7 @@ def reproduce(
         if progress:
             progress(number, len(chosen), name)
         try:
-            EXPERIMENTS[name](lab)
+            EXPERIMENTS[name].run(lab)
         except Exception as error:  # one experiment must not cost the others
             lab.result.failures.append(f"{name}: {one_line(error)}")
     lab.write_index()
@@ -149,7 +153,7 @@ def reproduce(
 
 
 def _find(data: Path | None) -> tuple[dict[str, SceneSpec], dict[str, SceneSpec]]:
-    """Synthetic and real scenes below a folder; procedural ones where there is none of either."""
+    """Synthetic and real scenes below a folder; the procedural ones where there is none of either."""
     synthetic = {name: SceneSpec(folder, name) for name, folder in find_scenes(data).items()} if data else {}
     pictures = [file for depth in ("*", "*/*") for file in sorted(data.glob(depth))] if data else []
     real = {
@@ -159,7 +163,9 @@ def _find(data: Path | None) -> tuple[dict[str, SceneSpec], dict[str, SceneSpec]
     }
     if synthetic or real:
         return synthetic, real
-    return {name: SceneSpec(name) for name in SUITE}, {name: SceneSpec(name) for name in SUITE_REAL}
+    from lfdepth import scenes
+
+    return {name: SceneSpec(name) for name in scenes.NAMES}, {name: SceneSpec(name) for name in SUITE_REAL}
 
 
 def _missing(chosen: Sequence[str], synthetic: dict[str, SceneSpec], real: dict[str, SceneSpec]) -> list[str]:
@@ -197,8 +203,10 @@ class _Laboratory:
         return Cache(make_folder(self.out / "cache"))
 
     def shown(self) -> dict[str, SceneSpec]:
-        """Scenes of figures 6 and 7: the paper's that are there, else all that are."""
-        return {name: self.synthetic[name] for name in SHOWN if name in self.synthetic} or self.synthetic
+        """Scenes of figures 6 and 7: the paper's that are there, else their stand-ins, else all that are."""
+        found = self.synthetic
+        known = ({name: found[name] for name in names if name in found} for names in (SHOWN, SUITE))
+        return next(filter(None, known), found)
 
     def each(self, specs: dict[str, SceneSpec], experiment: str) -> Iterator[LightField]:
         """Light fields; those that cannot be read are named."""
@@ -218,7 +226,7 @@ class _Laboratory:
 
     def maps(self, lf: LightField, names: Sequence[str], options: dict[str, Any]) -> dict[str, Array]:
         """Disparity maps of a light field by method."""
-        found = [self.cache.estimate(lf, method(name, **options), threads=self.threads) for name in names]
+        found = [self.cache.estimate(lf, _chosen(name, options), threads=self.threads) for name in names]
         return {name: each.disparity for name, each in zip(names, found, strict=True)}
 
     def others(self, lf: LightField) -> dict[str, Array]:
@@ -259,13 +267,27 @@ class _Laboratory:
             temporary.write_text("\n".join([*lines, ""]), encoding="utf-8")
 
     def write_index(self) -> None:
-        """Write what was made, what is missing and what failed."""
-        made = sorted({file.relative_to(self.out).as_posix() for file in self.result.files})
-        lines = ["# The paper's experiments", "", *(f"- [{name}]({name})" for name in made)]
+        """Write what was made, with the pictures in place, what is missing and what failed."""
+        lines = ["# The paper's experiments", ""]
+        for name, experiment in EXPERIMENTS.items():
+            made = [each for each in self.made if re.match(rf"{name}\b", each)]
+            if made:
+                lines += [f"## {name}", "", experiment.description, ""]
+                lines += [f"{'!' if each.endswith('.png') else '- '}[{each}]({each})" for each in made] + [""]
         for title, entries in (("Missing", self.result.missing), ("Failed", self.result.failures)):
             if entries:
-                lines += ["", f"## {title}", "", *(f"- {entry}" for entry in entries)]
-        self.write("index.md", lines)
+                lines += [f"## {title}", "", *(f"- {entry}" for entry in entries), ""]
+        self.write("index.md", lines[:-1])
+
+    @property
+    def made(self) -> list[str]:
+        """Names of the results, relative to the folder."""
+        return sorted({file.relative_to(self.out).as_posix() for file in self.result.files})
+
+
+def _chosen(name: str, options: dict[str, Any]) -> Method:
+    """A method with the paper's parameters, if it is one of the paper's."""
+    return method(name, **(options if name in PAPERS else {}))
 
 
 # --- the experiments
@@ -273,41 +295,60 @@ class _Laboratory:
 
 def _table1(lab: _Laboratory) -> None:
     """BadPix 0.07, MSE, discontinuities and run time, means over the scenes."""
-    settings = [Setting(name, name, SYNTHETIC) for name in METHODS]
+    settings = [Setting(name, name, SYNTHETIC if name in PAPERS else {}) for name in (*PAPERS, TODAY)]
     found = bench(
         list(lab.synthetic.values()),
         settings,
         lab.out / "table1",
         external=[folder for folder in lab.external if folder.is_dir()],
-        compare=[(OCCLUSION, PLAIN)],
+        compare=[(OCCLUSION, PLAIN), (TODAY, OCCLUSION)],
         cache=lab.out / "cache",
         threads=lab.threads,
     )
     lab.result.failures += [f"table1: {failure}" for failure in found.failures]
     lab.add("table1/report.html")
-    keys = {"badpix_0.07": "BadPix 0.07 (%)", "mse_x100": "MSE×100", "discontinuities": "Discontinuities (%)"}
     lines = [
         f"Means over {len(found.scenes)} scenes: {', '.join(scene.name for scene in found.scenes)}.",
         "Discontinuities: over the scenes that have its mask. All metrics and scenes: table1/report.html.",
+        f"The best of the rows measured here are bold. {TODAY} is not the paper's, but the default of today.",
         "",
-        f"| method | {' | '.join(keys.values())} | run time (s) |",
-        "|---" * (len(keys) + 2) + "|",
+        f"| method | {' | '.join(_TABLE1.values())} |",
+        "|---" * (len(_TABLE1) + 1) + "|",
+        *_measured_rows(found),
     ]
-    for name in found.methods:
-        entries = [scene.entries[name] for scene in found.scenes if name in scene.entries]
-        scores = [entry.scores for entry in entries if entry.scores]
-        values = [mean_over_scenes([each.get(key) for each in scores]) for key in keys]
-        values.append(mean_over_scenes([entry.found.runtime for entry in entries]))
-        lines.append(f"| {name} | " + " | ".join(_or_dash(value) for value in values) + " |")
     for row in published_rows():
         if row.averages:
-            shown = [row.averages.get(key) for key in keys] + [row.runtime]
-            lines.append(
-                f"| *{row.method}* (published, all twelve scenes) | "
-                + " | ".join(_or_dash(value) for value in shown)
-                + " |"
-            )
+            shown = [row.averages.get(key) for key in list(_TABLE1)[:-1]] + [row.runtime]
+            cells = " | ".join(map(_or_dash, shown))
+            lines.append(f"| *{row.method}* (published, all twelve scenes) | {cells} |")
     lab.write("table1.md", ["# Table 1", "", *lines])
+
+
+_TABLE1 = {
+    "badpix_0.07": "BadPix 0.07 (%)",
+    "mse_x100": "MSE×100",
+    "discontinuities": "Discontinuities (%)",
+    "runtime": "run time (s)",
+}
+
+
+def _measured_rows(found: Bench) -> list[str]:
+    """Lines of table 1, the best of each column in bold."""
+    columns = []
+    for key in _TABLE1:
+        means = [_mean(found, name, key) for name in found.methods]
+        texts = map(_or_dash, means)
+        columns.append(
+            [f"**{text}**" if bold else text for text, bold in zip(texts, best(means), strict=True)]
+        )
+    return [f"| {' | '.join(cells)} |" for cells in zip(found.methods, *columns, strict=True)]
+
+
+def _mean(found: Bench, name: str, key: str) -> float:
+    entries = [scene.entries[name] for scene in found.scenes if name in scene.entries]
+    if key == "runtime":
+        return mean_over_scenes([entry.found.runtime for entry in entries])
+    return mean_over_scenes([entry.scores.get(key) for entry in entries if entry.scores])
 
 
 def _or_dash(value: float | None) -> str:
@@ -323,80 +364,94 @@ def _intermediate(name: str, draw: Callable[[Study], Array]) -> Callable[[_Labor
 
 
 def _figure6(lab: _Laboratory) -> None:
-    """Maps of all methods and their errors."""
     for lf in lab.each(lab.shown(), "figure6"):
-        maps = lab.others(lf) | lab.maps(lf, METHODS, SYNTHETIC)
+        maps = lab.others(lf) | lab.maps(lf, (*PAPERS, TODAY), SYNTHETIC)
         row = PanelRow(lf.reference, maps, lf.truth, lf.name, range_of(lf, maps))
         panel(row, path=lab.add(f"figure6-{lf.name}.png"))
 
 
 def _figure7(lab: _Laboratory) -> None:
-    """Difference of absolute errors of FBSOCC-SFA and FBS-SFA."""
     for lf in lab.each(lab.shown(), "figure7"):
         if lf.truth is not None:
-            maps = lab.maps(lf, (PLAIN, OCCLUSION), SYNTHETIC)
-            path = lab.add(f"figure7-{lf.name}.png")
-            names = (OCCLUSION, PLAIN)
-            difference_map(maps[OCCLUSION], maps[PLAIN], lf.truth, path, names=names, title=lf.name)
+            maps = lab.maps(lf, (PLAIN, OCCLUSION, TODAY), SYNTHETIC)
+            for a, b, ending in ((OCCLUSION, PLAIN, ""), (TODAY, OCCLUSION, f"-{TODAY}")):
+                path = lab.add(f"figure7-{lf.name}{ending}.png")
+                difference_map(maps[a], maps[b], lf.truth, path, names=(a, b), title=lf.name)
 
 
 def _figure8(lab: _Laboratory) -> None:
-    """Real scenes, with two enlarged windows each."""
     for lf in lab.each(lab.real, "figure8"):
         scene = replace(lf, disparity_range=lf.disparity_range or lab.real_range)
-        maps = lab.others(scene) | lab.maps(scene, (PLAIN, OCCLUSION), REAL)
-        pixels = figure8(scene.reference, maps, range_of(scene, maps))
+        maps = lab.others(scene) | lab.maps(scene, (PLAIN, OCCLUSION, TODAY), REAL)
+        pixels = figure8(scene.reference, maps, range_of(scene, maps), apart=(PLAIN, OCCLUSION))
         save(pixels, lab.add(f"figure8-{lf.name}.png"))
 
 
 def _runtime(lab: _Laboratory) -> None:
-    """Seconds per slice on one thread."""
     lines = [
         "# Seconds per slice, one thread",
         "",
-        "Median over the planes. The paper: MATLAB, one thread, 4.1 GHz, on 9×9 views of 512×512 px",
-        "(synthetic) and 541×375 px (real); its figures are scaled to the number of pixels here.",
+        "Run time of a map, kernels compiled before, by its number of planes. The paper: MATLAB, one thread,",
+        "4.1 GHz, on 9×9 views of 512×512 px (synthetic) and 541×375 px (real); its figures are scaled to",
+        f"the number of pixels here. {TODAY} is not the paper's: fewer planes, and each is seen twice.",
         "",
-        "| scene | V×U×H×W | method | seconds per slice | the paper's | times faster |",
-        "|---|---|---|---|---|---|",
+        "| scene | V×U×H×W | method | planes | map (s) | seconds per slice | the paper's | times faster |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for kind, specs, options in (("synthetic", lab.synthetic, SYNTHETIC), ("real", lab.real, REAL)):
         first = dict(list(specs.items())[:1])
         for lf in lab.each(first, "runtime"):
             scene = replace(lf, disparity_range=lf.disparity_range or lab.real_range)
             share = lf.height * lf.width / PAPER_PIXELS[kind]
-            for name in (PLAIN, OCCLUSION):
-                seconds, paper = seconds_per_plane(scene, name, options), PAPER_SECONDS[name, kind] * share
-                cells = [lf.name, "×".join(map(str, lf.shape[:4])), name, f"{seconds:.4f}", f"{paper:.3f}"]
-                lines.append(f"| {' | '.join(cells)} | {paper / seconds:.0f} |")
+            for name in (PLAIN, OCCLUSION, TODAY):
+                cells = [lf.name, "×".join(map(str, lf.shape[:4])), name]
+                cells += _runtime_cells(scene, _chosen(name, options), PAPER_SECONDS.get((name, kind)), share)
+                lines.append(f"| {' | '.join(cells)} |")
     lab.write("runtime.md", lines)
 
 
-def seconds_per_plane(lf: LightField, name: str, options: dict[str, Any], planes: int = 24) -> float:
-    """Median time of one plane on one thread, in s, over `planes` planes in the middle of the range."""
-    from lfdepth.sweep.run import estimate
+def _runtime_cells(lf: LightField, chosen: Method, paper: float | None, share: float) -> list[str]:
+    """Planes, seconds for the map and for a slice, and the paper's for a slice of as many pixels."""
+    from lfdepth.sweep.planes import disparity_planes
 
-    assert lf.disparity_range is not None  # the caller has seen to it
-    chosen = method(name, **options)
-    middle, reach = sum(lf.disparity_range) / 2, planes / 2 * (chosen.step or 0.05)
-    ticks: list[float] = []
-
-    def tick(done: int, total: int) -> None:
-        ticks.append(time.perf_counter())
-
-    estimate(lf, chosen, range=(middle - reach, middle + reach), threads=1, progress=tick)
-    # The first planes may compile, and those before plane J have no mask to look at.
-    return median(after - before for before, after in pairwise(ticks[chosen.skip :]))
+    result = timed_estimate(lf, chosen, threads=1)
+    planes = len(disparity_planes(result.range, step=chosen.step, count=chosen.planes, force=True))
+    seconds = result.runtime / planes
+    cells = [str(planes), f"{result.runtime:.2f}", f"{seconds:.4f}"]
+    return [
+        *cells,
+        *(["–", "–"] if paper is None else [f"{paper * share:.3f}", f"{paper * share / seconds:.0f}"]),
+    ]
 
 
-EXPERIMENTS: dict[str, Callable[[_Laboratory], None]] = {
-    "table1": _table1,
-    "figure2": _intermediate("figure2", figure2),
-    "figure4": _intermediate("figure4", figure4),
-    "figure5": _intermediate("figure5", figure5),
-    "figure6": _figure6,
-    "figure7": _figure7,
-    "figure8": _figure8,
-    "runtime": _runtime,
+@dataclass(frozen=True)
+class Experiment:
+    """What to run, and what it shows."""
+
+    run: Callable[[_Laboratory], None]
+    description: str
+
+
+EXPERIMENTS: dict[str, Experiment] = {
+    "table1": Experiment(_table1, "BadPix 0.07, MSE, discontinuities and run time, means over the scenes."),
+    "figure2": Experiment(
+        _intermediate("figure2", figure2),
+        "Foreground fattening: slices of the volume along x and disparity, and along x and y, and the maps "
+        "that come of them.",
+    ),
+    "figure4": Experiment(
+        _intermediate("figure4", figure4),
+        "Disparity sign voting and smoothing of one plane, without and with the paper's mask.",
+    ),
+    "figure5": Experiment(
+        _intermediate("figure5", figure5),
+        "The 4-D mask over the centre view and a corner view, all brought to one plane.",
+    ),
+    "figure6": Experiment(_figure6, "Maps of all methods, and their signed errors."),
+    "figure7": Experiment(
+        _figure7, "Differences of absolute errors: blue where the first method is better, red where worse."
+    ),
+    "figure8": Experiment(_figure8, "Real scenes, with two windows enlarged."),
+    "runtime": Experiment(_runtime, "Seconds per slice on one thread, beside the paper's."),
 }
 """The experiments by name."""

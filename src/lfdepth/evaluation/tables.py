@@ -152,9 +152,19 @@ def _rank(cells: Sequence[Cell], comparable: Sequence[bool]) -> list[Cell]:
 
     def ranked(cell: Cell, value: float) -> Cell:
         rank = values.index(value) + 1
-        return replace(cell, rank=rank, best=rank <= min(BOLD, len(values) // 2))
+        return replace(cell, rank=rank, best=_is_best(rank, len(values)))
 
     return [ranked(cell, cell.value) if yes and cell.value is not None else cell for cell, yes in pairs]
+
+
+def _is_best(rank: int, count: int) -> bool:
+    return rank <= min(BOLD, count // 2)
+
+
+def best(values: Sequence[float]) -> list[bool]:
+    """Which values of a column are set in bold; NaN is none."""
+    known = sorted(value for value in values if not math.isnan(value))
+    return [value in known and _is_best(known.index(value) + 1, len(known)) for value in values]
 
 
 def figures(value: float) -> str:

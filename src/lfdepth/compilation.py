@@ -1,0 +1,22 @@
+"""Notice when numba compiles, which takes seconds once, so that it can be told apart from the work."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from typing import Any
+
+
+def on_compilation(act: Callable[[], None]) -> AbstractContextManager[Any]:
+    """While the context is open, act whenever numba compiles because its cache has nothing."""
+    from numba.core import event
+
+    class Listener(event.Listener):  # type: ignore[misc]  # numba has no types
+        def on_start(self, event: Any) -> None:
+            act()
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    context: AbstractContextManager[Any] = event.install_listener("numba:compile", Listener())
+    return context
