@@ -202,7 +202,7 @@ def test_metres_need_a_camera(scene: Path, run: Run) -> None:
 def test_convert_keeps_the_map(scene: Path, run: Run) -> None:
     values = np.linspace(-0.5, 1.5, SIZE * SIZE, dtype=np.float32).reshape(SIZE, SIZE)
     write("map.pfm", values)
-    assert run("convert", "map.pfm", "map.npy") == (0, "", "")
+    assert run("convert", "map.pfm", "map.npy") == (0, "written  map.npy\n", "")
     np.testing.assert_array_equal(np.load("map.npy"), values)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -25,6 +25,8 @@ from lfdepth.cli.options import (
     given,
 )
 from lfdepth.cli.printing import (
+    conversion_facts,
+    conversion_text,
     estimate_facts,
     estimate_text,
     mask_facts,
@@ -202,40 +204,67 @@ def info(
 @app.command(sort_key=5)
 def convert(
     source: Path,
-    target: Path,
     /,
+    output: Output,
     *,
+    to: str | None = None,
+    range: Range = None,
     scene: Path | None = None,
     quantity: Quantity = "disparity",
     mesh: Flag = False,
+    as_json: Json = False,
     reading: ReadingParameters = AS_IT_IS,
 ) -> None:
-    """Convert a disparity map to another format, to depth in metres, or to points.
+    """Convert a light field to another format, or a disparity map to another format, to metres or to points.
 
     For example:
 
-        lfdepth convert cotton.pfm cotton.tif
-        lfdepth convert cotton.pfm cotton.ply --scene cotton
+        lfdepth convert IMG_0001_eslf.png -o bikes
+        lfdepth convert buddha.h5 -o buddha --to benchmark
+        lfdepth convert cotton -o row_qs9x1a1.png --views 9x1
+        lfdepth convert cotton.pfm -o cotton.tif
+        lfdepth convert cotton.pfm -o cotton.ply --scene cotton
 
     Parameters
     ----------
     source
-        Disparity map: .pfm, .npy, .npz, .tif, .exr, .zarr, or .png with its .json.
-    target
-        Map to write; the ending picks the format, as for "lfdepth estimate".
+        Light field, a folder or a file; or disparity map: .pfm, .npy, .npz, .tif, .exr, .zarr, or .png with
+        its .json.
+    output
+        What to write; the ending picks the format. For a light field: .npz, .npy, .h5, .zarr, .mat, .tif (a
+        page for each view), NAME_qsCxRaA.png (a quilt), or a folder of views, without ending. For a map: as
+        for "lfdepth estimate".
+    to
+        Light fields: name of the format, where the ending does not tell, such as benchmark for a folder in
+        the layout of the 4D Light Field Benchmark.
+    range
+        Light fields: smallest and largest disparity, px per view step, to be noted; by default what the scene
+        says, and for the benchmark's layout, which needs it, what is found in the views.
     scene
-        Light field of the map, whose camera gives metres and whose reference view gives colours.
+        Maps: the light field, whose camera gives metres and whose reference view gives colours.
     quantity
-        What the new map holds: disparity, or depth in metres.
+        Maps: what the new one holds, disparity, or depth in metres.
     mesh
-        .ply only: connect the points by triangles, cut at occlusion boundaries.
+        Maps to .ply only: connect the points by triangles, cut at occlusion boundaries.
     """
     import lfdepth
-    from lfdepth.io import check_writable, read_disparity
+    from lfdepth.io import check_light_field_writable, check_writable, is_map, read_record
 
-    check_writable(target)
-    lf = None if scene is None else reading.read(scene)
-    lfdepth.write(target, read_disparity(source), scene=lf, quantity=quantity, mesh=mesh)
+    if scene is None and (reading.format is not None or not is_map(source)):
+        _check_map_options(quantity, mesh)
+        check_light_field_writable(output, to)
+        lf = _with_range(reading.read(source), range, reading, needed=to == "benchmark")
+        lfdepth.write(output, lf, format=to)
+        report(conversion_facts(lf, output), as_json, conversion_text)
+        return
+    if to is not None or range is not None:
+        raise LightFieldError(
+            f"{source}: is a map; expected a light field with --to and --range; leave them out"
+        )
+    check_writable(output)
+    view = None if scene is None else reading.read(scene)
+    lfdepth.write(output, read_record(source), scene=view, quantity=quantity, mesh=mesh)
+    report(conversion_facts(None, output), as_json, conversion_text)
 
 
 MapFile = Annotated[Path | None, Parameter(name="--map")]
@@ -398,6 +427,26 @@ def _map_of(
         _check_order(lf, reading)
     with Progress() as progress:
         return lfdepth.estimate(lf, range=range, threads=threads, progress=progress).disparity
+
+
+def _check_map_options(quantity: Quantity, mesh: bool) -> None:
+    if quantity != "disparity" or mesh:
+        option = "--mesh" if mesh else "--quantity"
+        raise LightFieldError(
+            f"{option}: the source is a light field; expected a disparity map; estimate one first"
+        )
+
+
+def _with_range(
+    lf: LightField, range: tuple[float, float] | None, reading: Reading, *, needed: bool
+) -> LightField:
+    """The light field with a range: the one given, its own, or if it is needed the one found in the views."""
+    from lfdepth.autorange import find_range
+
+    if range is None and needed and lf.disparity_range is None:
+        _check_order(lf, reading)
+        range = find_range(lf)
+    return lf if range is None else replace(lf, disparity_range=range)
 
 
 def _check_order(lf: LightField, reading: Reading) -> None:

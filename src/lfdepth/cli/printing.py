@@ -110,12 +110,11 @@ def scene_facts(
 ) -> Facts:
     """What is known of a light field, with the range that was `found` for it, or the `problem` with that."""
     ends = lf.disparity_range or found
-    grid = lf.shape[0] * lf.shape[1]
     return {
         "name": lf.name,
         "shape": list(lf.shape),
         "dtype": lf.views.dtype.name,
-        "absent_views": 0 if lf.present is None else grid - int(lf.present.sum()),
+        "absent_views": _absent(lf),
         "order": _order_facts(orientation) if orientation else None,
         "disparity_range": ends,
         "range_found": found is not None,
@@ -169,6 +168,28 @@ def _camera_text(camera: Mapping[str, Any]) -> str:
     )
 
 
+# --- convert
+
+
+def conversion_facts(lf: LightField | None, output: Path) -> Facts:
+    """What was converted: a light field, or a map."""
+    return {
+        "scene": lf and lf.name,
+        "shape": lf and list(lf.shape),
+        "absent_views": lf and _absent(lf),
+        "written": [str(output)],
+    }
+
+
+def conversion_text(facts: Facts) -> str:
+    """What was converted, in words."""
+    written = {"written": ", ".join(facts["written"])}
+    if facts["scene"] is None:
+        return _aligned(written)
+    absent = f", {facts['absent_views']} absent" if facts["absent_views"] else ""
+    return _aligned({"scene": f"{facts['scene']}, {_shape_text(facts['shape'])}{absent}"} | written)
+
+
 # --- refocus, mask
 
 
@@ -218,6 +239,10 @@ def mask_text(facts: Facts) -> str:
 
 
 # --- parts
+
+
+def _absent(lf: LightField) -> int:
+    return 0 if lf.present is None else int((~lf.present).sum())
 
 
 def _shape_text(shape: Sequence[int]) -> str:

@@ -6,26 +6,28 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
 import numpy.typing as npt
 
 from lfdepth.camera import Camera, CameraOptions
 from lfdepth.errors import LightFieldError
-from lfdepth.io.atomic import check_target
-from lfdepth.io.exr import read_exr, write_exr
-from lfdepth.io.extras import need
 from lfdepth.io.formats import FORMATS, find_format
 from lfdepth.io.layout import Layout
-from lfdepth.io.npy import holds, read_npy, read_npz, write_npy, write_npz
-from lfdepth.io.pfm import read_pfm, write_pfm
+from lfdepth.io.maps import (
+    POINTS,
+    WRITABLE,
+    check_ending,
+    check_writable,
+    is_map,
+    read_confidence,
+    read_disparity,
+    read_record,
+    write_map,
+)
 from lfdepth.io.ply import write_ply
-from lfdepth.io.png import read_png, write_png
-from lfdepth.io.record import as_depth, as_record, checked_map
+from lfdepth.io.record import Record, as_depth, as_record
 from lfdepth.io.source import Selection, assemble
 from lfdepth.io.stack import unreadable
-from lfdepth.io.tiff import read_tiff, write_tiff
 from lfdepth.io.writing import check_light_field_writable, write_light_field
-from lfdepth.io.zarr_store import is_zarr, read_zarr, write_zarr
 from lfdepth.lightfield import LightField
 
 if TYPE_CHECKING:
@@ -35,41 +37,13 @@ __all__ = [
     "FORMATS",
     "check_light_field_writable",
     "check_writable",
+    "is_map",
     "read",
     "read_confidence",
     "read_disparity",
+    "read_record",
     "write",
 ]
-
-_WRITERS = {
-    ".pfm": write_pfm,
-    ".png": write_png,
-    ".npy": write_npy,
-    ".npz": write_npz,
-    ".tif": write_tiff,
-    ".tiff": write_tiff,
-    ".exr": write_exr,
-    ".zarr": write_zarr,
-}
-_READERS = {
-    ".pfm": read_pfm,
-    ".png": read_png,
-    ".npy": read_npy,
-    ".npz": read_npz,
-    ".tif": read_tiff,
-    ".tiff": read_tiff,
-    ".exr": read_exr,
-    ".zarr": read_zarr,
-}
-_POINTS = ".ply"
-_LIBRARIES = {
-    ".tif": ("tifffile", "tiff"),
-    ".tiff": ("tifffile", "tiff"),
-    ".exr": ("OpenEXR", "exr"),
-    ".zarr": ("zarr", "zarr"),
-    ".ply": ("plyfile", "ply"),
-}
-"""What an ending needs, and the extra that brings it."""
 
 
 def read(
@@ -145,7 +119,7 @@ def read(
 
 def write(
     path: str | Path,
-    result: Result | LightField | npt.NDArray[Any],
+    result: Result | Record | LightField | npt.NDArray[Any],
     *,
     scene: LightField | None = None,
     quantity: Literal["disparity", "depth"] = "disparity",
@@ -165,8 +139,9 @@ def write(
         For a light field, ends in `.npz`, `.h5`, `.hdf5`, `.zarr`, `.mat` (the views as array `LF` of shape
         (V, U, H, W, C), and all that is known of them), `.npy`, `.tif`, `.tiff` (a page for each view),
         `_qsCxRaA.png` (a quilt of one row of views); or is a folder, for a picture of each view.
-    result : Result, ndarray or LightField
-        What `estimate` returned, or a disparity map (H, W) in px per view step; or a light field. That is
+    result : Result, Record, ndarray or LightField
+        What `estimate` returned or `read_record` read, or a disparity map (H, W) in px per view step; or a
+        light field. That is
         read back as it was: samples, absent views, range and camera; truth and masks, too, from folders,
         `.npz`, `.h5`, `.zarr` and `.mat`.
     scene : LightField, optional
@@ -188,86 +163,16 @@ def write(
     if isinstance(result, LightField):
         write_light_field(path, result, format)
         return
-    _check_ending(path, (*_WRITERS, _POINTS))
     record = as_record(result)
-    if path.suffix.lower() == _POINTS:
+    check_ending(path, WRITABLE)
+    if path.suffix.lower() == POINTS:
         write_ply(path, record, *_with_camera(scene, record.values, path), mesh=mesh)
         return
     if mesh:
-        raise LightFieldError(f"{path}: holds no meshes; expected the ending {_POINTS}; choose it")
+        raise LightFieldError(f"{path}: holds no meshes; expected the ending {POINTS}; choose it")
     if quantity == "depth":
         record = as_depth(record, _with_camera(scene, record.values, path)[1])
-    _WRITERS[path.suffix.lower()](path, record)
-
-
-def check_writable(path: str | Path) -> None:
-    """Raise LightFieldError, before long work, if `write` would refuse the path."""
-    path = Path(path)
-    ending = path.suffix.lower()
-    _check_ending(path, (*_WRITERS, _POINTS))
-    if ending in _LIBRARIES:
-        need(*_LIBRARIES[ending], path)
-    check_target(path, replaceable=is_zarr if ending == ".zarr" else None)
-
-
-def read_disparity(path: str | Path, *, finite: bool = True) -> npt.NDArray[np.float32]:
-    """Read a disparity map back.
-
-    Parameters
-    ----------
-    path : str or Path
-        A PFM, NPY, TIFF, OpenEXR (channel Y), NPZ or Zarr (array `disparity`) file, or a 16-bit PNG with
-        its scale beside it.
-    finite : bool
-        Refuse maps with NaN or infinite values.
-
-    Returns
-    -------
-    ndarray, shape (H, W)
-        float32, px per view step.
-
-    Raises
-    ------
-    LightFieldError
-        If the ending is unknown, the file is missing or damaged, or the map is not finite.
-    """
-    path = Path(path)
-    _check_ending(path, tuple(_READERS))
-    if not path.exists():
-        raise LightFieldError(f"{path}: no such file; expected a disparity map; check the path")
-    return checked_map(_READERS[path.suffix.lower()](path), str(path), finite=finite)
-
-
-def read_confidence(path: str | Path) -> npt.NDArray[np.float32] | None:
-    """Read the confidence that is stored beside a map; None where the file has none.
-
-    Parameters
-    ----------
-    path : str or Path
-        A file that `read_disparity` reads; only NPZ is looked into.
-
-    Returns
-    -------
-    ndarray, shape (H, W), or None
-        float32 in [0, 1].
-
-    Raises
-    ------
-    LightFieldError
-        If the file is damaged, or its confidence is no finite map.
-    """
-    path = Path(path)
-    if path.suffix.lower() != ".npz" or not holds(path, "confidence"):
-        return None
-    return checked_map(read_npz(path, "confidence"), f"{path}: confidence")
-
-
-def _check_ending(path: Path, known: tuple[str, ...]) -> None:
-    if path.suffix.lower() not in known:
-        raise LightFieldError(
-            f"{path}: unknown ending {path.suffix or '(none)'}; expected one of {', '.join(known)}; "
-            "choose one of these"
-        )
+    write_map(path, record)
 
 
 def _check_order(lf: LightField, path: Path, selection: Selection) -> None:

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lfdepth.errors import LightFieldError
 from lfdepth.io import stack
 from lfdepth.io.atomic import atomic
 from lfdepth.io.extras import need
@@ -28,23 +27,19 @@ def write_exr(path: Path, record: Record) -> None:
         file.write(str(temporary))
 
 
-def read_exr(path: Path) -> npt.NDArray[Any]:
-    """Read a disparity map.
+def read_exr(path: Path) -> dict[str, npt.NDArray[Any]]:
+    """Read all channels; Y is called `disparity`.
 
     Raises
     ------
     LightFieldError
-        If OpenEXR is not installed, the file is damaged, or has no channel Y.
+        If OpenEXR is not installed, or the file is damaged.
     """
     openexr = need("OpenEXR", "exr", path)
     try:
         with openexr.File(str(path)) as file:
-            channels = {name: channel.pixels for name, channel in file.channels().items()}
+            channels = {name: np.asarray(channel.pixels) for name, channel in file.channels().items()}
     except Exception as error:  # the library raises RuntimeError and others
         raise stack.unreadable(path, error) from None
-    if _CHANNELS["disparity"] not in channels:
-        raise LightFieldError(
-            f"{path}: channels {', '.join(channels)}; expected a channel Y with disparities; choose the "
-            "disparity map"
-        )
-    return np.asarray(channels[_CHANNELS["disparity"]])
+    quantities = {channel: quantity for quantity, channel in _CHANNELS.items()}
+    return {quantities.get(name, name): pixels for name, pixels in channels.items()}

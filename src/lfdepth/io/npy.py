@@ -15,7 +15,6 @@ from typing import IO, Any
 import numpy as np
 import numpy.typing as npt
 
-from lfdepth.errors import LightFieldError
 from lfdepth.io import limits, signature, stack
 from lfdepth.io.atomic import atomic
 from lfdepth.io.layout import Layout
@@ -75,32 +74,22 @@ def read_npy(path: Path) -> npt.NDArray[Any]:
         return np.asarray(np.load(path, allow_pickle=False))
 
 
-def read_npz(path: Path, name: str = "disparity") -> npt.NDArray[Any]:
-    """Read an array of an NPZ file.
+def axes_of_npy(path: Path) -> int:
+    """How many axes the array of an NPY file has."""
+    with _readable(path):
+        return int(np.load(path, mmap_mode="r", allow_pickle=False).ndim)
+
+
+def read_npz(path: Path) -> dict[str, Any]:
+    """The arrays of an NPZ file, which are read when they are asked for.
 
     Raises
     ------
     LightFieldError
-        If the file is truncated, no NPZ file, holds no such array, or one larger than `limits.MAX_BYTES`.
+        If the file is truncated or no NPZ file; when an array is read, also if that is larger than
+        `limits.MAX_BYTES`.
     """
-    members = _read_members(path)
-    if name not in members:
-        raise LightFieldError(
-            f"{path}: holds {', '.join(members) or 'nothing'}; expected an array {name!r}; "
-            "save it under that name"
-        )
-    return np.asarray(members[name][...])
-
-
-def holds(path: Path, name: str) -> bool:
-    """Whether an NPZ file has an array of that name.
-
-    Raises
-    ------
-    LightFieldError
-        If the file is truncated or no NPZ file.
-    """
-    return name in _read_members(path)
+    return dict(_read_members(path))
 
 
 def write_npy(path: Path, record: Record) -> None:

@@ -45,14 +45,16 @@ class Record:
     parameters: str | None = None
 
 
-def as_record(result: Result | npt.NDArray[Any]) -> Record:
-    """Wrap a result or a bare disparity map.
+def as_record(result: Result | Record | npt.NDArray[Any]) -> Record:
+    """Wrap a result or a bare disparity map; a record stays what it is.
 
     Raises
     ------
     LightFieldError
         If the map is not two-dimensional, empty, or not finite.
     """
+    if isinstance(result, Record):
+        return result
     if isinstance(result, np.ndarray):
         return Record(checked_map(result, "disparity"))
     return Record(

@@ -87,6 +87,16 @@ def open_tiff(path: Path, layout: Layout) -> ViewSource:
     return source if notes is None else notes.annotate(source)
 
 
+def pages_of_tiff(path: Path) -> int:
+    """How many pages a TIFF has."""
+    tifffile = need_tifffile(path)
+    try:
+        with tifffile.TiffFile(path) as file:
+            return len(file.pages)
+    except Exception as error:
+        raise stack.unreadable(path, error) from None
+
+
 def read_tiff(path: Path) -> npt.NDArray[Any]:
     """Read a map.
 

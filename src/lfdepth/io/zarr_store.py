@@ -5,10 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import numpy.typing as npt
-
-from lfdepth.errors import LightFieldError
 from lfdepth.io import stack
 from lfdepth.io.atomic import atomic_folder
 from lfdepth.io.extras import need
@@ -40,21 +36,16 @@ def open_zarr(path: Path, layout: Layout) -> ViewSource:
     return stack.open_arrays(dict(root.arrays()), root.attrs.get(KEY), path, layout)
 
 
-def read_zarr(path: Path) -> npt.NDArray[Any]:
-    """Read the array `disparity` of a Zarr group.
+def read_zarr(path: Path) -> dict[str, Any]:
+    """The arrays of a Zarr group, which are read when they are asked for, and its attributes.
 
     Raises
     ------
     LightFieldError
-        If zarr is not installed, the folder is damaged, or holds no such array.
+        If zarr is not installed, or the folder is damaged.
     """
     root = _open(path)
-    try:
-        return np.asarray(root["disparity"][:])
-    except (KeyError, IndexError):  # a group without it, an array
-        raise LightFieldError(
-            f"{path}: holds no array 'disparity'; expected one; save the map under that name"
-        ) from None
+    return {} if hasattr(root, "shape") else {**root.attrs, **dict(root.arrays())}
 
 
 def write_zarr(path: Path, record: Record) -> None:

@@ -1,0 +1,202 @@
+"""Files of maps: which format an ending names, and reading back what was written."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from lfdepth.errors import LightFieldError
+from lfdepth.io import quilt
+from lfdepth.io.atomic import check_target
+from lfdepth.io.exr import read_exr, write_exr
+from lfdepth.io.extras import need
+from lfdepth.io.notes import read_notes
+from lfdepth.io.npy import axes_of_npy, read_npy, read_npz, write_npy, write_npz
+from lfdepth.io.pfm import read_pfm, write_pfm
+from lfdepth.io.png import read_png, scale_file, write_png
+from lfdepth.io.record import Record, checked_map
+from lfdepth.io.tiff import pages_of_tiff, read_tiff, write_tiff
+from lfdepth.io.zarr_store import is_zarr, read_zarr, write_zarr
+
+_WRITERS = {
+    ".pfm": write_pfm,
+    ".png": write_png,
+    ".npy": write_npy,
+    ".npz": write_npz,
+    ".tif": write_tiff,
+    ".tiff": write_tiff,
+    ".exr": write_exr,
+    ".zarr": write_zarr,
+}
+_BARE = {
+    ".pfm": read_pfm,
+    ".png": read_png,
+    ".npy": read_npy,
+    ".tif": read_tiff,
+    ".tiff": read_tiff,
+}
+"""Formats with a map and nothing else."""
+_RICH = {".npz": read_npz, ".exr": read_exr, ".zarr": read_zarr}
+"""Formats with named arrays."""
+_LIBRARIES = {
+    ".tif": ("tifffile", "tiff"),
+    ".tiff": ("tifffile", "tiff"),
+    ".exr": ("OpenEXR", "exr"),
+    ".zarr": ("zarr", "zarr"),
+    ".ply": ("plyfile", "ply"),
+}
+"""What an ending needs, and the extra that brings it."""
+
+POINTS = ".ply"
+"""Ending of point clouds and meshes."""
+READABLE = tuple(_WRITERS)
+"""Endings of maps that are read."""
+WRITABLE = (*_WRITERS, POINTS)
+"""Endings of what is written of a map."""
+
+
+def check_writable(path: str | Path) -> None:
+    """Raise LightFieldError, before long work, if `write` would refuse the path for a map."""
+    path = Path(path)
+    ending = path.suffix.lower()
+    check_ending(path, WRITABLE)
+    if ending in _LIBRARIES:
+        need(*_LIBRARIES[ending], path)
+    check_target(path, replaceable=is_zarr if ending == ".zarr" else None)
+
+
+def write_map(path: Path, record: Record) -> None:
+    """Write a map in the format that the path's ending names."""
+    check_ending(path, tuple(_WRITERS))
+    _WRITERS[path.suffix.lower()](path, record)
+
+
+def is_map(path: str | Path) -> bool:
+    """Whether a path is a map, and not a light field, which has some of the same endings.
+
+    Raises
+    ------
+    LightFieldError
+        If the file is damaged.
+    """
+    path = Path(path)
+    ending = path.suffix.lower()
+    if ending == ".zarr":
+        return is_zarr(path) and "disparity" in read_zarr(path)
+    if ending not in READABLE or not path.is_file():
+        return False
+    if ending == ".png":
+        return scale_file(path).exists() and read_notes(scale_file(path)) is None
+    if ending == ".npz":
+        return "disparity" in read_npz(path)
+    if ending == ".npy":
+        return axes_of_npy(path) == 2
+    if ending in (".tif", ".tiff"):
+        return pages_of_tiff(path) == 1 and not quilt.recognise(path)
+    return True
+
+
+def read_disparity(path: str | Path, *, finite: bool = True) -> npt.NDArray[np.float32]:
+    """Read a disparity map back.
+
+    Parameters
+    ----------
+    path : str or Path
+        A PFM, NPY, TIFF, OpenEXR (channel Y), NPZ or Zarr (array `disparity`) file, or a 16-bit PNG with
+        its scale beside it.
+    finite : bool
+        Refuse maps with NaN or infinite values.
+
+    Returns
+    -------
+    ndarray, shape (H, W)
+        float32, px per view step.
+
+    Raises
+    ------
+    LightFieldError
+        If the ending is unknown, the file is missing or damaged, or the map is not finite.
+    """
+    return checked_map(_array(_read(Path(path))["disparity"]), str(path), finite=finite)
+
+
+def read_confidence(path: str | Path) -> npt.NDArray[np.float32] | None:
+    """Read the confidence that is stored beside a map; None where the file has none.
+
+    Parameters
+    ----------
+    path : str or Path
+        A file that `read_disparity` reads. NPZ, OpenEXR and Zarr can hold a confidence.
+
+    Returns
+    -------
+    ndarray, shape (H, W), or None
+        float32 in [0, 1].
+
+    Raises
+    ------
+    LightFieldError
+        If the ending is unknown, the file is missing or damaged, or its confidence is no finite map.
+    """
+    return _confidence(Path(path), _read(Path(path)))
+
+
+def read_record(path: str | Path) -> Record:
+    """Read all that a file holds: the map, and as far as it has them confidence, range, runtime, parameters.
+
+    Raises
+    ------
+    LightFieldError
+        As `read_disparity` and `read_confidence`.
+    """
+    path = Path(path)
+    found = _read(path)
+    ends = [float(end) for end in np.ravel(_array(found["range"]))] if "range" in found else None
+    return Record(
+        checked_map(_array(found["disparity"]), str(path)),
+        confidence=_confidence(path, found),
+        range=(ends[0], ends[1]) if ends is not None and len(ends) == 2 else None,
+        runtime=float(_array(found["runtime"])) if "runtime" in found else None,
+        parameters=str(_array(found["parameters"])) if "parameters" in found else None,
+    )
+
+
+def check_ending(path: Path, known: tuple[str, ...]) -> None:
+    """Raise LightFieldError unless a path has one of the known endings."""
+    if path.suffix.lower() not in known:
+        raise LightFieldError(
+            f"{path}: unknown ending {path.suffix or '(none)'}; expected one of {', '.join(known)}; "
+            "choose one of these"
+        )
+
+
+def _read(path: Path) -> Mapping[str, Any]:
+    """What a file holds, by name; `disparity` is among it."""
+    check_ending(path, READABLE)
+    if not path.exists():
+        raise LightFieldError(f"{path}: no such file; expected a disparity map; check the path")
+    ending = path.suffix.lower()
+    if ending in _BARE:
+        return {"disparity": _BARE[ending](path)}
+    found = _RICH[ending](path)
+    if "disparity" not in found:
+        raise LightFieldError(
+            f"{path}: holds {', '.join(found) or 'nothing'}; expected an array 'disparity' (OpenEXR: channel "
+            "Y); save the map under that name"
+        )
+    return found
+
+
+def _confidence(path: Path, found: Mapping[str, Any]) -> npt.NDArray[np.float32] | None:
+    if "confidence" not in found:
+        return None
+    return checked_map(_array(found["confidence"]), f"{path}: confidence")
+
+
+def _array(value: Any) -> npt.NDArray[Any]:
+    """In memory, whatever part of a file it was."""
+    return np.array(value[...] if hasattr(value, "shape") else value)
