@@ -18,7 +18,7 @@ import lfdepth
 from lfdepth import scenes
 from lfdepth.errors import LightFieldError
 from lfdepth.evaluation import evaluate, report
-from lfdepth.evaluation.bench import Bench, Entry, SceneResult, bench, read_external
+from lfdepth.evaluation.bench import Bench, Entry, SceneResult, bench
 from lfdepth.evaluation.cache import Found, timed_estimate
 from lfdepth.evaluation.charts import Axis
 from lfdepth.evaluation.plan import SceneSpec, cross, read_plan, setting
@@ -156,7 +156,6 @@ def test_other_programs_results_join(scene: LightField, tmp_path: Path) -> None:
         (folder / "demo.pfm").write_bytes(header + values[::-1].astype("<f4").tobytes())
     (tmp_path / "good" / "runtimes").mkdir()
     (tmp_path / "good" / "runtimes" / "demo.txt").write_text("12.5\n")
-    (tmp_path / "empty" / "demo.txt").write_text("soon")
     result = bench([scene], [], tmp_path / "out", external=[tmp_path / name for name in maps])
     entries = result.scenes[0].entries
     assert set(entries) == {"good"}
@@ -165,10 +164,8 @@ def test_other_programs_results_join(scene: LightField, tmp_path: Path) -> None:
     assert (scores["badpix_0.01"], entries["good"].found.runtime) == (0.0, 12.5)
     messages = [str(each) for each in result.failures]
     assert "demo / small: demo: estimate is 64x5 px; expected 64x64 px" in messages[0]
-    assert "found 'soon'; expected a run time in seconds" in messages[1]
-    (tmp_path / "empty" / "demo.txt").unlink()
-    result = bench([scene], [], tmp_path / "out", external=[tmp_path / "empty"])
-    assert "demo: estimate has no finite value" in str(result.failures[0])
+    assert "demo / empty: demo: estimate has no finite value" in messages[1]
+    assert len(messages) == 2
 
 
 def test_a_missing_run_time_is_named_and_the_map_scored(scene: LightField, tmp_path: Path) -> None:
@@ -176,10 +173,38 @@ def test_a_missing_run_time_is_named_and_the_map_scored(scene: LightField, tmp_p
     folder.mkdir()
     assert scene.truth is not None
     lfdepth.write(folder / "demo.pfm", scene.truth)
-    assert read_external(folder, "demo").runtime is None
     result = bench([scene], [], tmp_path / "out", external=[folder])
-    assert "quick: no run time" in str(result.failures[0])
-    assert result.scenes[0].entries["quick"].scores is not None
+    assert "quick: no demo.txt; expected a run time in seconds" in str(result.failures[0])
+    (folder / "demo.txt").write_text("soon")
+    other = bench([scene], [], tmp_path / "out", external=[folder])
+    assert "demo.txt: found 'soon'; expected a run time in seconds" in str(other.failures[0])
+    for each in (result, other):
+        entry = each.scenes[0].entries["quick"]
+        assert entry.scores is not None
+        assert (entry.scores["badpix_0.07"], entry.found.runtime) == (0, None)
+
+
+def test_a_mask_that_cannot_be_used_is_named_and_the_rest_is_scored(tmp_path: Path) -> None:
+    folder = tmp_path / "wedges"
+    scenes.save("wedges", folder, size=64, views=3)
+    for name in ("planes_lowres", "foreground_thinning_highres"):
+        Image.fromarray(np.zeros((4, 5), np.uint8)).save(folder / f"mask_{name}.png")
+    (folder / "mask_textureless_lowres.png").write_bytes(b"junk")
+    result = bench([folder], ["fbs:step=0.2"], tmp_path / "out")
+    scores = result.scenes[0].entries["fbs:step=0.2"].scores
+    assert scores is not None
+    assert scores["backgammon_fattening"] >= 0
+    for key, name in (
+        ("bumpiness_planes", "mask_planes_lowres.png: 5x4 px; expected 64x64 px"),
+        ("badpix_0.07_textureless", "mask_textureless_lowres.png: not a readable picture"),
+    ):
+        assert name in scores.missing[key]
+        assert any(name in str(failure) for failure in result.failures)
+    # The low-resolution mask stands in for the high-resolution one that cannot be used, and the cell says so.
+    assert scores.notes["backgammon_thinning"] == "low-resolution truth"
+    assert any("mask_foreground_thinning_highres.png: 5x4 px" in str(each) for each in result.failures)
+    (folder / "input_Cam004.png").write_bytes(b"junk")
+    assert bench([folder], ["fbs:step=0.2"], tmp_path / "out").scenes == ()
 
 
 def test_a_scene_without_truth_has_maps_and_no_scores(scene: LightField, tmp_path: Path) -> None:

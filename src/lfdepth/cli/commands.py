@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -156,14 +157,17 @@ def evaluate(
     """
     import lfdepth
     from lfdepth.evaluation import read_high_resolution
+    from lfdepth.evaluation.truth import read_scene
     from lfdepth.io import read_confidence, read_disparity
 
     if error_map is not None:
         check_picture(error_map, apart_from=result)
-    disparity = read_disparity(result)
-    lf = reading.read(scene)
+    disparity = read_disparity(result, finite=False)
+    lf, unusable = read_scene(scene, reading.read)
     high = read_high_resolution(scene) if scene.is_dir() and reading.keeps_size else None
-    scores = lfdepth.evaluate(disparity, lf, confidence=read_confidence(result), high=high)
+    scores = lfdepth.evaluate(disparity, lf, confidence=read_confidence(result), high=high, unusable=unusable)
+    for reason in [*unusable.values(), *(high.unusable.values() if high else ())]:
+        print(f"mask left out: {reason}", file=sys.stderr)
     if error_map is not None:
         from lfdepth.pictures import error_map as write_error_map
 

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -48,13 +48,18 @@ class Entry:
 
 @dataclass(frozen=True, eq=False)
 class SceneResult:
-    """One scene and every method's result on it, by the method's name."""
+    """One scene and every method's result on it, by the method's name.
+
+    `grid` is the number of views (V, U); `high` tells whether there was high-resolution truth.
+    """
 
     name: str
     reference: Array
     truth: Array | None
     range: tuple[float, float] | None
     entries: Mapping[str, Entry]
+    grid: tuple[int, int] = (0, 0)
+    high: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,60 +204,88 @@ class _Runner:
         finished = self.done + len(self.settings)
         self.announce(f"reading {spec.label()}")
         try:
-            return self._run(spec.load(), spec.high())
+            return self._run(*spec.load_with_masks(), spec.high())
         except Exception as error:  # one bad scene, whatever is wrong with it, must not cost the others
             self.failures.append(Failure(spec.label(), None, one_line(error)))
             return None
         finally:
             self.done = finished
 
-    def _run(self, lf: LightField, high: HighResolution | None) -> SceneResult:
+    def _run(self, lf: LightField, unusable: Mapping[str, str], high: HighResolution | None) -> SceneResult:
+        reasons = [*unusable.values(), *(high.unusable.values() if high else ())]
+        self.failures += [Failure(lf.name, None, reason) for reason in reasons]
+        score = (
+            partial(evaluate, lf_or_truth=lf, high=high, unusable=unusable) if lf.truth is not None else None
+        )
         entries: dict[str, Entry] = {}
         for each in self.settings:
             self.announce(f"{lf.name}: {each.name}")
             get = partial(self.cache.estimate, lf, each.resolve(), threads=self.threads)
-            entry = self._attempt(lf, high, each.name, get)
+            entry = self._attempt(lf, each.name, get, score)
             entries |= {each.name: entry} if entry else {}
             self.done += 1
         for folder in self.external:
-            entry = self._attempt(lf, high, folder.name, partial(read_external, folder, lf.name))
-            entries |= {folder.name: entry} if entry else {}
-            if entry and entry.found.runtime is None:
-                self.failures.append(
-                    Failure(lf.name, folder.name, "no run time; the map is scored all the same")
-                )
-        return SceneResult(lf.name, lf.reference.copy(), lf.truth, lf.disparity_range, entries)
+            entry = self._attempt(lf, folder.name, partial(read_external, folder, lf.name), score)
+            entries |= {folder.name: self._timed(entry, folder, lf.name)} if entry else {}
+        return SceneResult(
+            lf.name,
+            lf.reference.copy(),
+            lf.truth,
+            lf.disparity_range,
+            entries,
+            lf.shape[:2],
+            high is not None,
+        )
+
+    def _timed(self, entry: Entry, folder: Path, scene: str) -> Entry:
+        """Another program's result with its run time; one that is missing or no number is named."""
+        try:
+            return replace(entry, found=replace(entry.found, runtime=external_runtime(folder, scene)))
+        except LightFieldError as error:
+            self.failures.append(Failure(scene, folder.name, f"{error} (the map is scored all the same)"))
+            return entry
 
     def _attempt(
-        self, lf: LightField, high: HighResolution | None, name: str, get: Callable[[], Found]
+        self, lf: LightField, name: str, get: Callable[[], Found], score: Callable[..., Scores] | None
     ) -> Entry | None:
         try:
             found = get()
-            if lf.truth is None:
-                return Entry(found, None)
-            return Entry(found, evaluate(found.disparity, lf, confidence=found.confidence, high=high))
+            return Entry(found, score(found.disparity, confidence=found.confidence) if score else None)
         except Exception as error:  # as in `run`
             self.failures.append(Failure(lf.name, name, one_line(error)))
             return None
 
 
 def read_external(folder: Path, scene: str) -> Found:
-    """Read the map and the run time, in seconds, of another program's result for a scene.
+    """Read the map of another program's result for a scene, without its run time.
 
     Raises
     ------
     LightFieldError
-        If there is no map or it cannot be read, or the run time is not a number.
+        If there is no map or it cannot be read.
     """
     from lfdepth.io import read_disparity
 
     maps = [folder / "disp_maps" / f"{scene}.pfm", folder / f"{scene}.pfm"]
-    times = [folder / "runtimes" / f"{scene}.txt", folder / f"{scene}.txt"]
     found = next((file for file in maps if file.exists()), None)
     if found is None:
         raise LightFieldError(f"{folder}: no {scene}.pfm; expected it there or in disp_maps; add the map")
-    time = next((file for file in times if file.exists()), None)
-    return Found(read_disparity(found, finite=False), runtime=read_runtime(time) if time else None)
+    return Found(read_disparity(found, finite=False))
+
+
+def external_runtime(folder: Path, scene: str) -> float:
+    """Read the run time, in seconds, of another program's result for a scene.
+
+    Raises
+    ------
+    LightFieldError
+        If there is none, or it is not a number.
+    """
+    times = [folder / "runtimes" / f"{scene}.txt", folder / f"{scene}.txt"]
+    found = next((file for file in times if file.exists()), None)
+    if found is None:
+        raise LightFieldError(f"{folder}: no {scene}.txt; expected a run time in seconds; add it")
+    return read_runtime(found)
 
 
 def read_runtime(file: Path) -> float:

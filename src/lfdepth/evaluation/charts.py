@@ -82,7 +82,7 @@ def line_chart(curves: Sequence[Curve], x: Axis, y: Axis, size: tuple[int, int] 
 def point_chart(points: Sequence[Point], x: Axis, y: Axis, size: tuple[int, int] = (720, 380)) -> str:
     """SVG of some points, each with its name."""
     frame = _Frame(x, y, size)
-    marks = []
+    marks, names = [], []
     heights = _apart([frame.y(point.y) for point in points])
     for point, label_y in zip(points, heights, strict=True):
         px, py = frame.x(point.x), frame.y(point.y)
@@ -93,9 +93,12 @@ def point_chart(points: Sequence[Point], x: Axis, y: Axis, size: tuple[int, int]
             f'<circle cx="{px:.1f}" cy="{py:.1f}" r="5" fill="{fill}" stroke="{point.colour}" '
             'stroke-width="2">'
             f"<title>{escape(point.name)}: {point.x:.3g}, {point.y:.3g}</title></circle>"
-            f'<text x="{text_x:.1f}" y="{label_y + 4:.1f}" text-anchor="{anchor}">{escape(point.name)}</text>'
         )
-    return frame.svg(marks)
+        names.append(
+            f'<text class="name" x="{text_x:.1f}" y="{label_y + 4:.1f}" text-anchor="{anchor}">'
+            f"{escape(point.name)}</text>"
+        )
+    return frame.svg([*marks, *names])  # names on top, or neighbouring points would cover them
 
 
 def _apart(heights: Sequence[float], gap: float = 13.0) -> list[float]:

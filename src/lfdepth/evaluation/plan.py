@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lfdepth.errors import LightFieldError
-from lfdepth.evaluation.truth import HighResolution, read_high_resolution
+from lfdepth.evaluation.truth import HighResolution, read_high_resolution, read_scene
 from lfdepth.lightfield import LightField
 
 if TYPE_CHECKING:
@@ -87,10 +87,15 @@ class SceneSpec:
 
     def load(self) -> LightField:
         """Read or render the light field."""
-        lf = self.source if isinstance(self.source, LightField) else _read(self.source)
+        return self.load_with_masks()[0]
+
+    def load_with_masks(self) -> tuple[LightField, dict[str, str]]:
+        """The light field, and why some of its masks could not be used."""
+        lf, unusable = (self.source, {}) if isinstance(self.source, LightField) else _read(self.source)
         if self.views:
             lf = lf.angular_crop(self.views, self.views)
-        return replace(lf, name=self.name or lf.name, disparity_range=self.range or lf.disparity_range)
+        changed = replace(lf, name=self.name or lf.name, disparity_range=self.range or lf.disparity_range)
+        return changed, unusable
 
     def high(self) -> HighResolution | None:
         """High-resolution truth beside the views, or of a procedural scene, where there is one."""
@@ -103,10 +108,10 @@ class SceneSpec:
         return read_high_resolution(self.source) if Path(self.source).is_dir() else None
 
 
-def _read(source: Path | str) -> LightField:
+def _read(source: Path | str) -> tuple[LightField, dict[str, str]]:
     from lfdepth import io, scenes
 
-    return scenes.render(str(source)) if _is_procedural(source) else io.read(source)
+    return (scenes.render(str(source)), {}) if _is_procedural(source) else read_scene(Path(source), io.read)
 
 
 def _is_procedural(source: Path | str) -> bool:

@@ -12,7 +12,7 @@ import csv
 import io
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from html import escape
 from itertools import pairwise
 from pathlib import Path
@@ -95,8 +95,10 @@ def json_text(result: Bench, *, published: bool) -> str:
         "lfdepth": __version__,
         "methods": [
             {"name": each.name, "method": each.method, "options": dict(each.options)}
+            | {"parameters": asdict(each.resolve())}
             for each in result.settings
         ],
+        "scenes": [_scene_json(scene) for scene in result.scenes],
         "results": [
             {"scene": scene.name, "method": name, "origin": result.methods[name]}
             | {"runtime": entry.found.runtime}
@@ -110,6 +112,18 @@ def json_text(result: Bench, *, published: bool) -> str:
         "published": [_published_json(row) for row in published_rows()] if published else [],
     }
     return json.dumps(data, indent=1, ensure_ascii=False, default=str) + "\n"
+
+
+def _scene_json(scene: SceneResult) -> dict[str, Any]:
+    height, width = scene.reference.shape[:2]
+    truth = None if scene.truth is None else "high" if scene.high else "low"
+    return {
+        "scene": scene.name,
+        "views": list(scene.grid),
+        "size": [height, width],
+        "disparity_range": scene.range,
+        "truth": truth,
+    }
 
 
 def _published_json(row: PublishedRow) -> dict[str, Any]:
@@ -182,6 +196,7 @@ def html_text(result: Bench, found: Sequence[Table], compare: Sequence[tuple[str
         _scatter_html(found, colours),
         _sparsification_html(result, colours),
         *_scenes_html(result, compare or _neighbours(tuple(result.methods))),
+        _runs_html(result),
         _sources_html(numbered),
     ]
     page = _PAGE.replace("{{values}}", _gradient("values")).replace("{{signed}}", _gradient("signed"))
@@ -216,8 +231,9 @@ def _row_html(row: Row, table: Table, numbered: Sequence[Source]) -> str:
     origin = " <small>external</small>" if row.origin == "external" else ""
     source = f" <small>[{numbered.index(row.source) + 1}]</small>" if row.source else ""
     device = f" <small>{escape(row.device)}</small>" if row.device and table.key == "runtime" else ""
+    learned = " <small>learned</small>" if row.learned else ""
     cells = "".join(_cell_html(cell) for cell in (*row.cells, row.mean))
-    return f"<tr><th>{escape(row.method)}{origin}{device}{source}</th>{cells}</tr>"
+    return f"<tr><th>{escape(row.method)}{origin}{learned}{device}{source}</th>{cells}</tr>"
 
 
 def _cell_html(cell: Cell) -> str:
@@ -229,6 +245,37 @@ def _cell_html(cell: Cell) -> str:
         f'<td title="{escape(cell_text(cell))}">{f"<b>{text}</b>" if cell.best else text}'
         f"{f' <small>{escape(mark)}</small>' if mark else ''}</td>"
     )
+
+
+def _runs_html(result: Bench) -> str:
+    """What was run on what: whoever reads the tables must be able to do it again."""
+    scenes = [_scene_row(_scene_json(scene)) for scene in result.scenes]
+    methods = [
+        (each.name, each.method, _parameters(asdict(each.resolve()), ("name", "summary")))
+        for each in result.settings
+    ]
+    content = _plain_table(("scene", "views", "px", "disparity range", "truth"), scenes)
+    if methods:
+        content += _plain_table(("name", "method", "parameters"), methods)
+    return f"<h2>Scenes and methods</h2>{content}"
+
+
+def _scene_row(facts: dict[str, Any]) -> tuple[str, ...]:
+    (rows, columns), (height, width), ends = facts["views"], facts["size"], facts["disparity_range"]
+    range = f"{ends[0]:.2f} to {ends[1]:.2f}".replace("-", "−") if ends else "found in the views"
+    truth = {None: "none", "low": "low resolution", "high": "low and high resolution"}[facts["truth"]]
+    return facts["scene"], f"{columns}×{rows}", f"{width}×{height}", range, truth
+
+
+def _parameters(values: dict[str, Any], left_out: Sequence[str]) -> str:
+    kept = {key: value for key, value in values.items() if key not in left_out and value is not None}
+    return ", ".join(f"{key} {value}" for key, value in kept.items())
+
+
+def _plain_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    titles = "".join(f"<th>{escape(name)}</th>" for name in head)
+    lines = "".join(f"<tr>{''.join(f'<td>{escape(text)}</td>' for text in row)}</tr>" for row in rows)
+    return f'<table class="facts"><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table>'
 
 
 def _sources_html(numbered: Sequence[Source]) -> str:
@@ -446,6 +493,9 @@ details { margin: 20px 0 } summary { cursor: pointer; font-weight: 600 }
 .charts { display: flex; flex-wrap: wrap; gap: 16px }
 svg { max-width: 100%; height: auto } svg text { font: 11px system-ui, sans-serif; fill: #333 }
 svg .grid { stroke: #e3e3e3; fill: none }
+svg text.name { paint-order: stroke; stroke: #fff; stroke-width: 3px }
+.facts { margin-bottom: 14px } .facts th, .facts td { text-align: left; vertical-align: top }
+.facts td:last-child { border-left: 0; white-space: normal }
 figure { margin: 0; min-width: 0 } figcaption { font-size: 12.5px; color: #444; padding: 2px 0 }
 .charts figcaption { text-align: center }
 .pictures { display: grid; gap: 10px; margin-top: 10px; overflow-x: auto }

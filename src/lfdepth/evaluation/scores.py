@@ -241,6 +241,7 @@ def evaluate(
     *,
     confidence: Array | None = None,
     high: HighResolution | None = None,
+    unusable: Mapping[str, str] | None = None,
 ) -> Scores:
     """Score a disparity map against the truth.
 
@@ -256,6 +257,9 @@ def evaluate(
         Truth and masks at ten times the size (`read_high_resolution`), for the metrics that the benchmark
         defines there. Without it they are taken at low resolution where the masks allow it, and `notes` says
         so.
+    unusable : mapping of str to str, optional
+        Masks of the light field that could not be used, with the reason, which becomes that of the metrics
+        that need them.
 
     Returns
     -------
@@ -282,11 +286,12 @@ def evaluate(
     if high is not None:
         enlarged = metrics.enlarge(estimate, _high_shape(high, truth, name))
         samples["high"] = Sample(enlarged, high.truth, high.masks, HIGH)
-    return _score(name, samples, high, getattr(result_or_disparity, "runtime", None))
+    reasons = {**(unusable or {}), **(high.unusable if high else {})}
+    return _score(name, samples, reasons, getattr(result_or_disparity, "runtime", None))
 
 
 def _score(
-    name: str, samples: Mapping[str, Sample], high: HighResolution | None, runtime: float | None
+    name: str, samples: Mapping[str, Sample], unusable: Mapping[str, str], runtime: float | None
 ) -> Scores:
     values: dict[str, float] = {}
     resolution: dict[str, str] = {}
@@ -298,7 +303,7 @@ def _score(
         sample = next((each for each in choice if not _lacks(metric, each)), None)
         value = metric.compute(sample) if sample else math.nan
         if sample is None:
-            missing[metric.key] = _reason(metric, choice[-1], high)
+            missing[metric.key] = _reason(metric, choice[-1], unusable)
         elif math.isnan(value):
             missing[metric.key] = "no pixel to score"
         else:
@@ -333,9 +338,9 @@ def _lacks(metric: Metric, sample: Sample) -> list[str]:
     return masks + ([metric.needs] if metric.needs and getattr(sample, metric.needs) is None else [])
 
 
-def _reason(metric: Metric, sample: Sample, high: HighResolution | None) -> str:
-    unusable = [high.unusable[name] for name in metric.masks if name in high.unusable] if high else []
-    return "; ".join(unusable) or f"no {' and no '.join(_lacks(metric, sample))}"
+def _reason(metric: Metric, sample: Sample, unusable: Mapping[str, str]) -> str:
+    reasons = [unusable[name] for name in metric.masks if name in unusable]
+    return "; ".join(reasons) or f"no {' and no '.join(_lacks(metric, sample))}"
 
 
 def _truth_of(lf_or_truth: LightField | Array) -> tuple[Array, str]:

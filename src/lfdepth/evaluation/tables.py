@@ -50,6 +50,7 @@ class Row:
     mean: Cell
     source: Source | None = None
     device: str = ""
+    learned: bool = False
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ def _cell(scene: SceneResult, method: str, key: str) -> Cell:
 def _published(result: Bench, key: str) -> Iterator[Row]:
     for row in published_rows():
         cells = tuple(_published_cell(row, scene.name, key) for scene in result.scenes)
-        made = Row(row.method, "published", cells, Cell(), row.source, row.device)
+        made = Row(row.method, "published", cells, Cell(), row.source, row.device, row.learned)
         if key == "runtime" and row.runtime is not None:
             yield replace(made, mean=Cell(row.runtime, "on the authors' machine"))
         elif any(cell.value is not None for cell in cells):
@@ -205,6 +206,7 @@ def markdown(table: Table, numbered: Sequence[Source]) -> str:
     ]
     for row in table.rows:
         name = row.method if row.origin == "measured" else f"*{row.method}* ({row.origin})"
+        name += ", learned" if row.learned else ""
         name += f" [{numbered.index(row.source) + 1}]" if row.source else ""
         texts = [_markdown_cell(cell) for cell in (*row.cells, row.mean)]
         lines.append("| " + " | ".join([name, *texts]) + " |")
