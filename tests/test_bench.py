@@ -235,6 +235,21 @@ def test_the_page_needs_no_other_file_and_its_pictures_load(scene: LightField, t
     assert not re.findall(r'(?:src|href)="(?!data:)', page)
 
 
+def test_pictures_carry_the_scores_of_the_tables_and_the_page_says_what_was_run(
+    scene: LightField, tmp_path: Path
+) -> None:
+    scenes.save("wedges", tmp_path / "wedges", size=64, views=3)
+    result = bench([tmp_path / "wedges", scene], METHODS, tmp_path / "out")
+    page = (tmp_path / "out" / "report.html").read_text()
+    for each in result.scenes:
+        for name, entry in each.entries.items():
+            assert entry.scores is not None
+            assert f"{name}: BadPix 0.07 {figures(entry.scores['badpix_0.07'])} %, MSE×100" in page
+    assert "<td>wedges</td><td>3×3</td><td>64×64</td>" in page
+    assert "low and high resolution" in page
+    assert "decoder accumulate, step 0.2" in page
+
+
 def result_of(scores: dict[str, dict[str, float]], size: int = 32) -> Bench:
     """Bench with a score by method and scene, of maps of noise."""
     rng = np.random.default_rng(0)

@@ -26,6 +26,7 @@ from lfdepth.evaluation.bench import Bench, SceneResult
 from lfdepth.evaluation.charts import COLOURS, Axis, Curve, Point, line_chart, point_chart
 from lfdepth.evaluation.metrics import Array
 from lfdepth.evaluation.published import PublishedRow, Source, published_rows
+from lfdepth.evaluation.scores import Scores
 from lfdepth.evaluation.tables import (
     Cell,
     Row,
@@ -44,7 +45,6 @@ from lfdepth.pictures import (
     difference_colours,
     disparity_colours,
     error_colours,
-    score_line,
     span,
     view_colours,
 )
@@ -262,7 +262,7 @@ def _runs_html(result: Bench) -> str:
 
 def _scene_row(facts: dict[str, Any]) -> tuple[str, ...]:
     (rows, columns), (height, width), ends = facts["views"], facts["size"], facts["disparity_range"]
-    range = f"{ends[0]:.2f} to {ends[1]:.2f}".replace("-", "−") if ends else "found in the views"
+    range = " to ".join(_ends(ends)) if ends else "found in the views"
     truth = {None: "none", "low": "low resolution", "high": "low and high resolution"}[facts["truth"]]
     return facts["scene"], f"{columns}×{rows}", f"{width}×{height}", range, truth
 
@@ -388,7 +388,7 @@ def _maps_html(scene: SceneResult, coding: Coding) -> str:
         )
     ]
     pictures += [_picture(disparity_colours(each, range), name, coding) for name, each in maps.items()]
-    return _line_html(pictures, _scale(f"{range[0]:.2f}", f"{range[1]:.2f} px per view step", "values"))
+    return _line_html(pictures, _scale(*_ends(range), "values", " px per view step"))
 
 
 def _errors_html(scene: SceneResult, truth: Array, coding: Coding) -> str:
@@ -396,9 +396,16 @@ def _errors_html(scene: SceneResult, truth: Array, coding: Coding) -> str:
     pictures = [_picture(disparity_colours(truth, _range(scene)), "truth", coding)]
     for name, entry in scene.entries.items():
         pixels = error_colours(_rounded(entry.found.disparity - truth), np.zeros_like(truth))
-        caption = f"{name}: {score_line(entry.found.disparity, truth)}"
-        pictures.append(_picture(pixels, caption, coding))
+        pictures.append(_picture(pixels, f"{name}: {_score_line(entry.scores)}", coding))
     return _line_html(pictures, _scale(f"−{ERROR_LIMIT} too far", f"+{ERROR_LIMIT} px too near", "signed"))
+
+
+def _score_line(scores: Scores | None) -> str:
+    """The main scores of a map, those of the tables."""
+    parts = (("BadPix 0.07", "badpix_0.07", " %"), ("MSE×100", "mse_x100", ""))
+    return ", ".join(
+        f"{name} {figures(scores[key])}{unit}" for name, key, unit in parts if scores and key in scores
+    )
 
 
 def _differences_html(
@@ -455,8 +462,14 @@ def _picture(pixels: Pixels, caption: str, coding: Coding) -> str:
     )
 
 
-def _scale(low: str, high: str, kind: str) -> str:
-    return f'<p class="scale">{escape(low)} <span class="{kind}"></span> {escape(high)}</p>'
+def _scale(low: str, high: str, kind: str, unit: str = "") -> str:
+    return f'<p class="scale">{escape(low)} <span class="{kind}"></span> {escape(high + unit)}</p>'
+
+
+def _ends(range: tuple[float, float]) -> tuple[str, str]:
+    """Ends of a range of disparities, in words."""
+    low, high = (f"{value:.2f}".replace("-", "−") for value in range)
+    return low, high
 
 
 def _gradient(kind: str) -> str:
