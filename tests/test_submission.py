@@ -73,6 +73,37 @@ def test_what_would_be_refused_is_named(name: str, data: bytes | None, message: 
         raise LightFieldError(problems[0])
 
 
+def test_a_folder_around_everything_is_one_problem(tmp_path: Path) -> None:
+    nested = {f"mine/{name}": data for name, data in complete().items()}
+    (problem,) = check_submission(zipped(nested, tmp_path / "s.zip"))
+    assert problem.startswith("mine/: holds all files; expected disp_maps and runtimes at the top")
+    del nested["mine/runtimes/dots.txt"]
+    assert [each.split(":")[0] for each in check_submission(zipped(nested, tmp_path / "s.zip"))] == [
+        "mine/",
+        "runtimes/dots.txt",
+    ]
+    only_maps = {name: data for name, data in complete().items() if name.startswith("disp_maps")}
+    assert len(check_submission(zipped(only_maps, tmp_path / "s.zip"))) == 12
+    assert len(check_submission(zipped({}, tmp_path / "s.zip"))) == 24
+
+
+def test_one_damaged_file_does_not_hide_the_others(tmp_path: Path) -> None:
+    file = zipped(
+        complete() | {"runtimes/dots.txt": b"fast", "disp_maps/dino.pfm": with_nan()}, tmp_path / "s.zip"
+    )
+    with zipfile.ZipFile(file) as source:
+        start = source.getinfo("disp_maps/cotton.pfm").header_offset
+    data = bytearray(file.read_bytes())
+    data[start + 60 : start + 120] = bytes(60)
+    file.write_bytes(data)
+    problems = check_submission(file)
+    assert {each.split(":")[0] for each in problems} == {
+        "disp_maps/cotton.pfm",
+        "disp_maps/dino.pfm",
+        "runtimes/dots.txt",
+    }
+
+
 def test_what_is_no_zip_is_named(tmp_path: Path) -> None:
     with pytest.raises(LightFieldError, match="no such file"):
         check_submission(tmp_path / "none.zip")

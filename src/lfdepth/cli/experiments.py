@@ -201,7 +201,7 @@ def submit(
 
 
 def _verdict(archive: Path, problems: Sequence[str]) -> str:
-    return f"{archive}: " + (f"{len(problems)} problems" if problems else "would be accepted")
+    return f"{archive}: " + (f"{len(problems)} problem(s)" if problems else "would be accepted")
 
 
 scenes_app = App(name="scenes", help="Procedural light fields with exact truth.", sort_key=13)

@@ -8,6 +8,7 @@ may not.
 from __future__ import annotations
 
 import zipfile
+import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -20,6 +21,7 @@ from lfdepth.errors import LightFieldError
 from lfdepth.evaluation.bench import read_runtime
 from lfdepth.evaluation.cache import Cache, Found, make_folder, one_line
 from lfdepth.evaluation.plan import Setting, setting
+from lfdepth.evaluation.truth import read_scene
 
 STRATIFIED = ("backgammon", "dots", "pyramids", "stripes")
 TRAINING = ("boxes", "cotton", "dino", "sideboard")
@@ -149,8 +151,9 @@ def _run(
     """Estimate one scene, write its two files, and check them as one would check those of others."""
     from lfdepth.io import read
 
+    lf, _ = read_scene(folder, read)  # masks play no part
     files = [out / "disp_maps" / f"{name}.pfm", out / "runtimes" / f"{name}.txt"]
-    _write(cache.estimate(read(folder), chosen.resolve(), threads=threads), *files)
+    _write(cache.estimate(lf, chosen.resolve(), threads=threads), *files)
     if found := [*_map_problems(files[0]), *_runtime_problems(files[1])]:
         raise LightFieldError("; ".join(found))
     return files
@@ -207,19 +210,43 @@ def check_submission(archive: Path | str) -> tuple[str, ...]:
 
 def _problems(source: zipfile.ZipFile, scratch: Path) -> Iterator[str]:
     wanted = _wanted()
-    names = Counter(info.filename for info in source.infolist() if not info.is_dir())
+    files = [info.filename for info in source.infolist() if not info.is_dir()]
+    top = _enclosing_folder(files)
+    if top:
+        yield (
+            f"{top}: holds all files; expected disp_maps and runtimes at the top of the zip; zip these two "
+            "folders, not the one around them"
+        )
+    names = Counter(name.removeprefix(top) for name in files)
     for name in names - Counter(list(wanted)):
         found = "twice in the zip" if name in wanted else "not part of a submission"
         yield f"{name}: {found}; expected disp_maps/SCENE.pfm and runtimes/SCENE.txt once each; remove it"
     for name, check in wanted.items():
         if name not in names:
             yield f"{name}: missing; expected it for each of the twelve scenes; add it"
-        elif (size := source.getinfo(name).file_size) > _LARGEST:
+        elif (size := source.getinfo(top + name).file_size) > _LARGEST:
             yield f"{name}: {size} bytes; expected at most {_LARGEST}; write it again"
         else:
-            file = scratch / PurePosixPath(name).name
-            file.write_bytes(source.read(name))
-            yield from (problem.replace(str(file), name) for problem in check(file))
+            yield from _file_problems(source, top + name, scratch / PurePosixPath(name).name, name, check)
+
+
+def _enclosing_folder(files: list[str]) -> str:
+    """The folder, with its slash, that holds all files of a zip; empty where there is none."""
+    folders = {name.partition("/")[0] for name in files if "/" in name}
+    whole = len(folders) == 1 and all("/" in name for name in files)
+    return f"{folders.pop()}/" if whole and not folders & {"disp_maps", "runtimes"} else ""
+
+
+def _file_problems(
+    source: zipfile.ZipFile, member: str, file: Path, name: str, check: Callable[[Path], Iterator[str]]
+) -> Iterator[str]:
+    """Unpack one file and check it; the problems name it as `name`."""
+    try:
+        file.write_bytes(source.read(member))
+    except (zipfile.BadZipFile, zlib.error, EOFError) as error:
+        yield f"{name}: damaged in the zip ({error}); expected a whole file; make the zip again"
+        return
+    yield from (problem.replace(str(file), name) for problem in check(file))
 
 
 def _wanted() -> Mapping[str, Callable[[Path], Iterator[str]]]:
