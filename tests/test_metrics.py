@@ -1,5 +1,6 @@
 """Metrics against hand-worked values, an independent implementation, and the laws they follow."""
 
+import os
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,6 +15,7 @@ from lfdepth.errors import LightFieldError
 from lfdepth.evaluation import HighResolution, evaluate, metrics, read_high_resolution
 from lfdepth.evaluation.metrics import HIGH, LOW
 from lfdepth.evaluation.scores import LOW_INSTEAD, METRICS
+from lfdepth.io import read_disparity
 from lfdepth.lightfield import LightField
 
 Array = NDArray[Any]
@@ -155,6 +157,65 @@ def test_a_constant_offset(offset: float, bad: int) -> None:
     assert scores["mse_x100"] == pytest.approx(100 * offset**2)
     assert scores["q25"] == pytest.approx(100 * abs(offset))
     assert scores["bumpiness_planes"] == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("offset", "expected"),
+    [
+        (0.05, set()),
+        (0.1, {"share"}),
+        (-0.1, {"share"}),
+        (0.2, {"share", "fine_fattening"}),
+        (-0.2, {"share", "fine_thinning"}),
+        (0.45, {"share", "fine_fattening", "dots_missed"}),
+        (-0.45, {"share", "fine_thinning", "dots_missed"}),
+        (0.6, {"share", "fine_fattening", "dots_missed", "backgammon_fattening"}),
+        (-0.6, {"share", "fine_thinning", "dots_missed", "backgammon_thinning"}),
+    ],
+)
+def test_a_constant_offset_moves_each_regions_metric_past_its_threshold(
+    offset: float, expected: set[str]
+) -> None:
+    truth = step_scene()
+    scores = evaluate(truth.astype(np.float64) + offset, light_field(truth, all_masks(truth)))
+    shares = {  # BadPix 0.07 in a mask
+        *("discontinuities", "stripes_low_texture", "stripes_high_contrast", "stripes_low_contrast"),
+        *("badpix_0.07_boundaries", "badpix_0.07_textureless", "badpix_0.07_thin"),
+    }
+    for key in shares:
+        assert scores[key] == (100 if "share" in expected else 0), key
+    for key in (
+        "fine_fattening",
+        "fine_thinning",
+        "dots_missed",
+        "backgammon_fattening",
+        "backgammon_thinning",
+    ):
+        assert scores[key] == (100 if key in expected else 0), key
+    assert scores["dots_background"] == pytest.approx(100 * offset**2)
+    for key in ("bumpiness_planes", "bumpiness_continuous", "pyramids_slanted", "pyramids_parallel"):
+        assert scores[key] == pytest.approx(0, abs=1e-9), key
+
+
+@pytest.mark.parametrize("n", [0, 1, 4])
+def test_a_dilated_foreground_fattens_at_high_resolution(n: int) -> None:
+    low, names = step_scene(), {name for metric in METRICS for name in metric.masks}
+    truth = metrics.enlarge(low, (10 * HEIGHT, 10 * WIDTH))
+    foreground = truth > 0
+    masks: dict[str, Array] = {name: np.ones(truth.shape, bool) for name in names}
+    masks |= {"foreground_fattening": ~foreground, "foreground_thinning": foreground, "fine": foreground}
+    masks |= {"fine_surrounding": ~foreground, "low_texture": ~foreground}
+    lf = light_field(low, all_masks(low))
+    scores = evaluate(step_scene(n), lf, high=HighResolution(truth, masks))
+    assert not scores.notes
+    if n == 0:
+        assert {key: value for key, value in scores.items() if value != 0} == {}
+    # n columns of the views are n (10 W − 1)/(W − 1) of the truth's, up to rounding at either end.
+    wrong, scored = n * (10 * WIDTH - 1) / (WIDTH - 1), 10 * WIDTH - 150 - foreground[0].sum()
+    for key in ("backgammon_fattening", "fine_fattening", "stripes_low_texture"):
+        assert scores[key] == pytest.approx(100 * wrong / scored, abs=100 / scored)
+    assert scores["badpix_0.07"] == pytest.approx(100 * wrong / (10 * WIDTH - 300), abs=100 / scored)
+    assert (scores["backgammon_thinning"], scores["fine_thinning"]) == (0, 0)
 
 
 @pytest.mark.parametrize("n", [1, 3, 6])
@@ -389,6 +450,19 @@ def test_high_resolution_files_are_read_and_a_mask_of_another_size_is_named(tmp_
     scores = evaluate(np.zeros((40, 40)), np.zeros((40, 40)), high=high)
     assert scores["fine_thinning"] == 0.0
     assert "mask_discontinuities_highres.png: 4x4 px" in scores.missing["discontinuities"]
+
+
+SPO = Path(os.environ.get("LFDEPTH_SPO_COTTON", COTTON.parents[1] / "spo" / "cotton.pfm"))
+
+
+@pytest.mark.skipif(
+    not (COTTON.exists() and SPO.exists()),
+    reason="the published map of SPO on cotton is not here; LFDEPTH_SPO_COTTON=cotton.pfm gives it",
+)
+def test_the_published_map_of_spo_scores_what_was_published() -> None:
+    scores = evaluate(read_disparity(SPO), lfdepth.read(COTTON))
+    assert [round(scores[f"badpix_{t}"], 3) for t in (0.01, 0.03, 0.07)] == [69.057, 13.708, 2.594]
+    assert (round(scores["mse_x100"], 3), round(scores["q25"], 3)) == (1.313, 0.857)
 
 
 @pytest.mark.skipif(not COTTON.exists(), reason="no ../shared/data beside the repository")
