@@ -168,7 +168,7 @@ def markdown_text(result: Bench, found: Sequence[Table]) -> str:
 
 
 _LEGEND = (
-    "Lower is better; the best three of a column, at most half of it, are bold. Rows marked *published* were "
+    "Lower is better; the best three of a column are bold, but never its last. Rows marked *published* were "
     "not run here; their values take part in the ranking only where they stand on truth of the same "
     "resolution. (low) or (high): taken on truth of that resolution where the others, or the benchmark, use "
     "the other. Run times of published rows come from other machines."

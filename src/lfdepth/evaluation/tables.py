@@ -13,7 +13,7 @@ from lfdepth.evaluation.published import PublishedRow, Source, published_rows
 from lfdepth.evaluation.scores import LOW_INSTEAD, METRICS, label_of
 
 BOLD = 3
-"""How many of the best are set in bold, as the paper does; never more than half of a column."""
+"""How many of the best are set in bold, as the paper does; never the last of a column."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,7 @@ def _rank(cells: Sequence[Cell], comparable: Sequence[bool]) -> list[Cell]:
 
 
 def _is_best(rank: int, count: int) -> bool:
-    return rank <= min(BOLD, count // 2)
+    return rank <= min(BOLD, count - 1)
 
 
 def best(values: Sequence[float]) -> list[bool]:
