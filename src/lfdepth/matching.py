@@ -8,7 +8,7 @@ wrong: enough to find the range of disparities and the order of the views.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -76,9 +76,14 @@ class Probe:
     margin: int
 
     @property
+    def reach(self) -> int:
+        """How many view steps the outermost view is away."""
+        return int(np.abs(self.offsets).max())
+
+    @property
     def unit(self) -> float:
         """Disparity, px per view step, by which the outermost view moves one px of the shrunk views."""
-        return self.shrink / float(np.abs(self.offsets).max())
+        return self.shrink / self.reach
 
     def ordered(self, order: Order) -> NDArray[np.int32]:
         """(N, 2) rows and columns of the views where the grid is taken in another order."""
@@ -109,14 +114,26 @@ class Match:
 
     def coherent(self, tolerance: float, neighbours: int) -> NDArray[np.bool_]:
         """(H, W), True where certain and as many of 8 certain neighbours agree to within `tolerance` px."""
-        certain = self.certain
-        known = np.pad(np.where(certain, self.disparity, np.inf), 1, constant_values=np.inf)
-        height, width = certain.shape
-        agree = np.zeros(certain.shape, np.int8)
+        agree, _ = self._agreement(tolerance)
+        return np.asarray(self.certain & (agree >= neighbours))
+
+    def calmed(self, tolerance: float) -> Match:
+        """The same with each certain disparity averaged with those of its 8 neighbours that agree with it."""
+        agree, total = self._agreement(tolerance)
+        mean = np.where(self.certain, (self.disparity + total) / (1 + agree), self.disparity)
+        return replace(self, disparity=mean.astype(np.float32))
+
+    def _agreement(self, tolerance: float) -> tuple[NDArray[np.int8], NDArray[np.float32]]:
+        """How many of 8 certain neighbours agree to within `tolerance` px, and the sum of theirs."""
+        known = np.pad(np.where(self.certain, self.disparity, np.inf), 1, constant_values=np.inf)
+        height, width = self.disparity.shape
+        agree, total = np.zeros(self.disparity.shape, np.int8), np.zeros(self.disparity.shape, np.float32)
         for down, across in _DIRECTIONS:
             beside = known[1 + down : 1 + down + height, 1 + across : 1 + across + width]
-            agree += np.abs(beside - self.disparity) <= tolerance
-        return np.asarray(certain & (agree >= neighbours))
+            agreeing = np.abs(beside - self.disparity) <= tolerance
+            agree += agreeing
+            np.add(total, beside, out=total, where=agreeing)
+        return agree, total
 
 
 def better(cost: NDArray[np.float32], other: NDArray[np.float32]) -> NDArray[np.bool_]:
