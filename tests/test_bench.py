@@ -310,6 +310,23 @@ def test_a_mean_over_fewer_scenes_says_so_and_is_not_ranked() -> None:
     assert cell_text(table.rows[1].cells[1]) == "failed"
 
 
+def test_scenes_without_the_metric_play_no_part_in_its_mean() -> None:
+    result = result_of({"a": {"x": 1.0, "y": 3.0}, "b": {"x": 2.0, "y": 2.5}})
+    real = replace(result.scenes[0], name="real", truth=None)
+    entries = {name: replace(each, scores=None) for name, each in real.entries.items()}
+    slow = {name: replace(each, found=replace(each.found, runtime=99.0)) for name, each in entries.items()}
+    result = replace(result, scenes=(*result.scenes, replace(real, entries=slow)))
+    table = badpix_table(result, published=False)
+    assert [cell_text(cell) for cell in table.rows[0].cells] == ["1.00", "3.00", "no truth"]
+    assert [(row.mean.value, row.mean.note, row.mean.rank) for row in table.rows] == [
+        (2.0, "", 1),
+        (2.25, "", 2),
+    ]
+    # Both points of the scatter lie at the run time, 1 s, of the scenes whose errors were averaged.
+    page = report.html_text(result, tables(result, published=False))
+    assert "<title>a: 1, 2</title>" in page
+
+
 @pytest.mark.parametrize(
     ("value", "text"), [(12.34, "12.3"), (2.594, "2.59"), (0.0434, "0.043"), (110.0, "110"), (0.0, "0")]
 )

@@ -291,14 +291,14 @@ def _details(title: str, content: str) -> str:
 
 
 def _scatter_html(found: Sequence[Table], colours: dict[str, str]) -> str:
-    """Mean error against run time, for the methods that have both over the same scenes."""
+    """Mean error against mean run time over the same scenes, for the methods that can be compared."""
     by_key = {table.key: table for table in found}
     if not {"badpix_0.07", "runtime"} <= set(by_key):
         return ""
-    times = {(row.method, row.origin): row.mean.value for row in by_key["runtime"].rows}
+    rows = {(row.method, row.origin): row for row in by_key["runtime"].rows}
     points = []
     for row in by_key["badpix_0.07"].rows:
-        time = times.get((row.method, row.origin))
+        time = _time_beside(rows.get((row.method, row.origin)), row)
         if time and row.mean.value is not None and row.mean.rank:
             hollow = row.origin == "published"
             points.append(Point(row.method, time, row.mean.value, colours.get(row.method, "#888"), hollow))
@@ -311,6 +311,18 @@ def _scatter_html(found: Sequence[Table], colours: dict[str, str]) -> str:
         "<h2>Error and run time</h2><p>Mean over the scenes. Hollow: published, on other machines.</p>"
         + point_chart(points, x, y)
     )
+
+
+def _time_beside(times: Row | None, errors: Row) -> float | None:
+    """Mean run time over the scenes that an error was averaged over; of a published row the one there is."""
+    if times is None:
+        return None
+    if times.origin == "published":
+        return times.mean.value
+    scored = [
+        time.value for time, error in zip(times.cells, errors.cells, strict=True) if error.value is not None
+    ]
+    return None if None in scored else metrics.mean_over_scenes(scored)
 
 
 def _sparsification_html(result: Bench, colours: dict[str, str]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import Literal
 
 from lfdepth.evaluation.bench import Bench, SceneResult
@@ -81,13 +82,15 @@ def tables(result: Bench, *, published: bool = True) -> tuple[Table, ...]:
 
 def _rows(result: Bench, key: str, published: bool) -> tuple[Row, ...]:
     own = [
-        _with_mean(Row(name, origin, tuple(_cell(scene, name, key) for scene in result.scenes), Cell()))
+        Row(name, origin, tuple(_cell(scene, name, key) for scene in result.scenes), Cell())
         for name, origin in result.methods.items()
     ]
-    if not any(cell.value is not None for row in own for cell in row.cells):
+    # Scenes that have the metric: where none of our rows has a value, truth or mask is missing.
+    scored = [any(row.cells[i].value is not None for row in own) for i in range(len(result.scenes))]
+    if not any(scored):
         return ()
-    others = list(_published(result, key)) if published else []
-    return _ranked(own, others)
+    others = list(_published(result, key, scored)) if published else []
+    return _ranked([_with_mean(row, scored) for row in own], others, scored)
 
 
 def _cell(scene: SceneResult, method: str, key: str) -> Cell:
@@ -103,7 +106,7 @@ def _cell(scene: SceneResult, method: str, key: str) -> Cell:
     return Cell(entry.scores[key], entry.scores.notes.get(key, ""), entry.scores.resolution[key])
 
 
-def _published(result: Bench, key: str) -> Iterator[Row]:
+def _published(result: Bench, key: str, scored: Sequence[bool]) -> Iterator[Row]:
     for row in published_rows():
         cells = tuple(_published_cell(row, scene.name, key) for scene in result.scenes)
         made = Row(row.method, "published", cells, Cell(), row.source, row.device, row.learned)
@@ -111,8 +114,8 @@ def _published(result: Bench, key: str) -> Iterator[Row]:
             yield replace(made, mean=Cell(row.runtime, "on the authors' machine"))
         elif any(cell.value is not None for cell in cells):
             # A mean over some of the scenes would stand beside means over all of them.
-            whole = all(cell.value is not None for cell in cells)
-            yield _with_mean(made) if whole else replace(made, mean=Cell(note="–"))
+            whole = all(cell.value is not None for cell in compress(cells, scored))
+            yield _with_mean(made, scored) if whole else replace(made, mean=Cell(note="–"))
 
 
 def _published_cell(row: PublishedRow, scene: str, key: str) -> Cell:
@@ -120,21 +123,23 @@ def _published_cell(row: PublishedRow, scene: str, key: str) -> Cell:
     return Cell(note="–") if value is None else Cell(value, "", row.resolution(scene))
 
 
-def _with_mean(row: Row) -> Row:
-    known = [cell for cell in row.cells if cell.value is not None]
+def _with_mean(row: Row, scored: Sequence[bool]) -> Row:
+    """The row with its mean over the scenes that have the metric; it says if a method lacks some of them."""
+    known = [cell for cell in compress(row.cells, scored) if cell.value is not None]
     mean = mean_over_scenes([cell.value for cell in known])
     if math.isnan(mean):
         return replace(row, mean=Cell(note="no scene"))
     resolutions = {cell.resolution for cell in known}
-    part = "" if len(known) == len(row.cells) else f"{len(known)} of {len(row.cells)} scenes"
+    part = "" if len(known) == sum(scored) else f"{len(known)} of {sum(scored)} scenes"
     return replace(row, mean=Cell(mean, part, resolutions.pop() if len(resolutions) == 1 else "mixed"))
 
 
-def _ranked(own: Sequence[Row], others: Sequence[Row]) -> tuple[Row, ...]:
+def _ranked(own: Sequence[Row], others: Sequence[Row], scored: Sequence[bool]) -> tuple[Row, ...]:
     rows = [*own, *others]
-    columns = [_rank_column([row.cells[i] for row in rows], len(own)) for i in range(len(rows[0].cells))]
+    columns = [_rank_column([row.cells[i] for row in rows], len(own)) for i in range(len(scored))]
     # A mean is comparable with another where each of its scenes is.
-    comparable = [all(columns[i][number].rank for i in range(len(columns))) for number in range(len(rows))]
+    counted = list(compress(columns, scored))
+    comparable = [all(column[number].rank for column in counted) for number in range(len(rows))]
     means = _rank([row.mean for row in rows], comparable)
     return tuple(
         replace(row, cells=tuple(column[number] for column in columns), mean=means[number])
