@@ -40,7 +40,7 @@ from lfdepth.pictures import PanelRow, difference_map, panel, save
 SHOWN = ("boxes", "cotton", "backgammon", "pyramids")
 """Scenes of the paper's figures 6 and 7."""
 
-SUITE = ("demo", "leaves", "wedges", "solids")
+SUITE = ("leaves", "demo", "wedges", "solids")
 """Procedural scenes that stand in for them where there is no data; the last two ask what those two ask."""
 
 SUITE_REAL = ("room", "noise-2", "gloss")
