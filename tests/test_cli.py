@@ -219,7 +219,7 @@ def test_refocus_on_the_plane_is_the_reference_view(scene: Path, run: Run) -> No
     assert run("refocus", "scene", "--disparity", "0", "-o", "off.png")[0] == 0
     assert picture("off.png")[inside].std() < 0.7 * reference[inside].std()
     write("map.pfm", np.full((SIZE, SIZE), DISPARITY, np.float32))
-    _, text, _ = run("refocus", "scene", "--all-in-focus", "map.pfm", "-o", "all.png")
+    _, text, _ = run("refocus", "scene", "--all-in-focus", "--map", "map.pfm", "-o", "all.png")
     assert "focus    everywhere" in text
     np.testing.assert_array_equal(picture("all.png")[inside], reference[inside])
 
@@ -538,11 +538,20 @@ BAD_COMMANDS: dict[str, list[str]] = {
     "estimate scene -o none/map.pfm": ["none/map.pfm", "folder none does not exist", "create it"],
     "estimate scene -o scene/parameters.cfg/map.pfm": ["folder scene/parameters.cfg does not exist"],
     "estimate scene -o map.png --preview map.png": ["map.png", "two different files", "rename"],
-    "refocus scene -o out.png": ["--disparity D", "--all-in-focus MAP", "give one"],
-    "refocus scene --disparity 1 --all-in-focus map.pfm -o out.png": ["either", "give one"],
-    "refocus scene --all-in-focus map.pfm --without-foreground 1 -o out.png": ["leave one out"],
-    "refocus scene --all-in-focus map.pfm -o out.png": ["map.pfm", "no such file"],
+    "refocus scene -o out.png": ["--disparity D", "--all-in-focus", "give one"],
+    "refocus scene --disparity 1 --all-in-focus -o out.png": ["either", "give one"],
+    "refocus scene --all-in-focus --without-foreground 1 -o out.png": ["leave one out"],
+    "refocus scene --all-in-focus --map map.pfm -o out.png": ["map.pfm", "no such file"],
     "refocus scene --disparity 1 --map map.pfm -o out.png": ["--map", "--without-foreground"],
+    "refocus scene --disparity 900 -o out.png": ["disparity", "900", "less than 48 px", "lfdepth info"],
+    "refocus scene --all-in-focus --method sgm -o out.png": ["method", "'sgm'", "fbs-vis"],
+    "refocus scene --all-in-focus --map m.pfm --method fbs -o out.png": [
+        "--method",
+        "--map",
+        "leave one out",
+    ],
+    "mask scene --foreground-of 0 --map m.pfm --range 0 1 -o out": ["--range", "--map", "leave one out"],
+    "mask scene --foreground-of 0 --map scene/gt_disp_lowres.pfm --at -48 -o out": ["at", "-48", "48 px"],
     "refocus scene --disparity nan -o out.png": ["disparity", "nan", "finite"],
     "refocus scene --disparity 1 -o out.jpg": ["out.jpg", ".png", "rename"],
     "refocus scene --disparity 1 -o none/out.png": ["folder none does not exist"],

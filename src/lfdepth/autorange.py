@@ -59,9 +59,9 @@ def find_range(
     """Find the range of disparities from the views.
 
     A coarse sweep of shrunk views over a wide range, then a fine one over what the first one found. Surfaces
-    count if they have texture and cover at least 0.15 % of the reference view (0.3 % in 3×3 views, 0.5 % where
-    they are seen only through gaps). What is seen only through gaps is missed if they are so narrow that most
-    views see something else in them.
+    count if they have texture and cover at least 0.15 % of the reference view (0.3 % in 3×3 views, 0.5 %
+    where they are seen only through gaps). What is seen only through gaps is missed if they are so narrow
+    that most views see something else in them.
 
     Parameters
     ----------

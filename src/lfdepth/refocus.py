@@ -61,10 +61,10 @@ def refocus(
     Raises
     ------
     LightFieldError
-        If a disparity is not finite, the plane itself would be left out, or the map is missing, not finite,
-        or of another size than the views.
+        If a disparity is not finite or so large that no other view shows anything of the reference view, the
+        plane itself would be left out, or the map is missing, not finite, or of another size than the views.
     """
-    _check_finite(disparity, "disparity")
+    check_reach(lf, disparity, "disparity")
     plane = np.full((lf.height, lf.width), disparity, np.float32)
     picture, _ = _average(lf, plane, threads)
     if without_foreground is not None:
@@ -148,10 +148,11 @@ def foreground_masks(
     Raises
     ------
     LightFieldError
-        If a disparity is not finite, or the map is not finite or of another size than the views.
+        If a disparity is not finite, `at` shifts all views out of the frame, or the map is not finite or of
+        another size than the views.
     """
     _check_finite(disparity, "disparity")
-    _check_finite(0.0 if at is None else at, "at")
+    check_reach(lf, 0.0 if at is None else at, "at")
     surface = _checked_map(disparity_map, lf)
     masks = np.zeros(lf.shape[:4], np.bool_)
     for index, v, u in _present_views(lf):
@@ -286,6 +287,20 @@ def _checked_map(disparity_map: Result | NDArray[Any], lf: LightField) -> NDArra
             f"like the views of {lf.name}; crop and scale both alike"
         )
     return np.ascontiguousarray(values)
+
+
+def check_reach(lf: LightField, disparity: float, what: str) -> None:
+    """Raise LightFieldError unless some view beside the reference view overlaps it on a plane."""
+    _check_finite(disparity, what)
+    others = [(v, u) for _, v, u in _present_views(lf) if (v, u) != (0, 0)]
+    if others and not any(
+        abs(disparity * v) < lf.height and abs(disparity * u) < lf.width for v, u in others
+    ):
+        most = max(lf.height if lf.shape[0] > 1 else 0, lf.width if lf.shape[1] > 1 else 0)
+        raise LightFieldError(
+            f"{what}: found {disparity:g} px per view step, which moves every other view out of the picture; "
+            f"expected less than {most} px either way; see lfdepth info for the scene's range"
+        )
 
 
 def _check_finite(value: float, what: str) -> None:

@@ -5,18 +5,19 @@ from __future__ import annotations
 import sys
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
-
-from cyclopts import Parameter
+from typing import TYPE_CHECKING, Literal
 
 from lfdepth import methods
 from lfdepth.cli.app import app
 from lfdepth.cli.options import (
     AS_IT_IS,
     DEFAULT_METHOD,
+    ESTIMATED,
     UNCHANGED,
     Flag,
     Json,
+    MapSource,
+    MapSources,
     MethodParameters,
     Output,
     Range,
@@ -43,9 +44,6 @@ from lfdepth.demo import SIZE, run_demo
 from lfdepth.errors import LightFieldError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from lfdepth.lightfield import LightField
     from lfdepth.orientation import Orientation
 
@@ -116,7 +114,7 @@ def estimate(
     lf = reading.read(scene)
     _check_output(output, lf, quantity, mesh)
     if range is None:
-        _check_order(lf, reading)
+        reading.require_order(lf)
     with Progress() as progress:
         result = lfdepth.estimate(lf, chosen, range=range, threads=threads, progress=progress, force=force)
     lfdepth.write(output, result, scene=lf, quantity=quantity, mesh=mesh)
@@ -149,7 +147,7 @@ def evaluate(
     ----------
     result
         Disparity map of the reference view: .pfm, .npy, .npz, .tif, .exr, .zarr, or .png with its .json. The
-        confidence that a .npz holds is scored as well.
+        confidence that .npz, .zarr and .exr hold is scored as well.
     scene
         Light field with truth, such as a benchmark folder with gt_disp_lowres.pfm.
     error_map
@@ -271,9 +269,6 @@ def convert(
     report(conversion_facts(None, output), as_json, conversion_text)
 
 
-MapFile = Annotated[Path | None, Parameter(name="--map")]
-
-
 @app.command(sort_key=6)
 def refocus(
     scene: Path,
@@ -281,12 +276,11 @@ def refocus(
     *,
     output: Output,
     disparity: float | None = None,
-    all_in_focus: Path | None = None,
+    all_in_focus: Flag = False,
     without_foreground: float | None = None,
-    map_file: MapFile = None,
-    range: Range = None,
     threads: int | None = None,
     as_json: Json = False,
+    source: MapSources = ESTIMATED,
     reading: ReadingParameters = AS_IT_IS,
 ) -> None:
     """Focus on a plane after the fact, see past an occluder, or make a picture in focus everywhere.
@@ -294,8 +288,8 @@ def refocus(
     For example:
 
         lfdepth refocus cotton --disparity -0.8 -o far.png
-        lfdepth refocus cotton --all-in-focus cotton.pfm -o sharp.png
-        lfdepth refocus fence --disparity -1 --without-foreground 0.5 --map fence.pfm -o through.png
+        lfdepth refocus cotton --all-in-focus --map cotton.pfm -o sharp.png
+        lfdepth refocus fence --disparity -1 --without-foreground 0.5 -o through.png
 
     Parameters
     ----------
@@ -306,37 +300,23 @@ def refocus(
     disparity
         Plane to focus on, px per view step.
     all_in_focus
-        Disparity map of the reference view; focuses every pixel at its own disparity.
+        Focus every pixel at its own disparity; takes a disparity map.
     without_foreground
         Leave out what is nearer than this, px per view step: of the views, those count in which it does not
-        cover the pixel.
-    map_file
-        Disparity map that tells where the foreground is; estimated by default.
-    range
-        Smallest and largest disparity of a map that is estimated.
+        cover the pixel. Takes a disparity map, which tells where the foreground is.
     threads
         Number of threads; every processor by default.
     """
-    if (disparity is None) == (all_in_focus is None):
-        raise LightFieldError(
-            "refocus: expected either --disparity D or --all-in-focus MAP; give one of them"
-        )
-    if all_in_focus is not None and without_foreground is not None:
-        raise LightFieldError(
-            "--without-foreground: found with --all-in-focus, expected with --disparity D; leave one out"
-        )
-    if map_file is not None and without_foreground is None:
-        raise LightFieldError("--map: expected with --without-foreground D; give both, or leave it out")
+    _check_focus(disparity, all_in_focus, without_foreground, source)
     from lfdepth import refocus as focusing
 
-    check_picture(output, apart_from=all_in_focus or map_file)
+    check_picture(output, apart_from=source.map)
     lf = reading.read(scene)
     if disparity is None:
-        picture = focusing.all_in_focus(
-            lf, _map_of(lf, reading, all_in_focus, range, threads), threads=threads
-        )
+        picture = focusing.all_in_focus(lf, source.of(lf, reading, threads), threads=threads)
     else:
-        near = None if without_foreground is None else _map_of(lf, reading, map_file, range, threads)
+        focusing.check_reach(lf, disparity, "disparity")
+        near = None if without_foreground is None else source.of(lf, reading, threads)
         picture = focusing.refocus(
             lf, disparity, without_foreground=without_foreground, disparity_map=near, threads=threads
         )
@@ -352,10 +332,9 @@ def mask(
     output: Output,
     foreground_of: float,
     at: float | None = None,
-    map_file: MapFile = None,
-    range: Range = None,
     threads: int | None = None,
     as_json: Json = False,
+    source: MapSources = ESTIMATED,
     reading: ReadingParameters = AS_IT_IS,
 ) -> None:
     """Write the 4-D foreground mask: for every view, where it shows something nearer than a disparity.
@@ -376,10 +355,6 @@ def mask(
     at
         Plane on which the views are in register in the masks, px per view step; by default each mask fits its
         view as it is.
-    map_file
-        Disparity map of the reference view; estimated by default.
-    range
-        Smallest and largest disparity of a map that is estimated.
     threads
         Number of threads; every processor by default.
     """
@@ -388,7 +363,7 @@ def mask(
 
     check_target(output, replaceable=holds_masks)
     lf = reading.read(scene)
-    masks = foreground_masks(lf, _map_of(lf, reading, map_file, range, threads), foreground_of, at=at)
+    masks = foreground_masks(lf, source.of(lf, reading, threads), foreground_of, at=at)
     write_masks(output, masks, lf)
     report(mask_facts(lf, masks, foreground_of, output), as_json, mask_text)
 
@@ -413,24 +388,21 @@ def demo(*, output: Output = DEMO_FOLDER, size: int = SIZE, as_json: Json = Fals
     report(shown.as_dict(), as_json, lambda _: f"{shown.table()}\n\nwritten  {shown.picture}")
 
 
-def _map_of(
-    lf: LightField,
-    reading: Reading,
-    path: Path | None,
-    range: tuple[float, float] | None,
-    threads: int | None,
-) -> NDArray[np.float32]:
-    """The disparity map in a file, or the one that the default method estimates."""
-    import lfdepth
-    from lfdepth.cli.progress import Progress
-    from lfdepth.io import read_disparity
-
-    if path is not None:
-        return read_disparity(path)
-    if range is None:
-        _check_order(lf, reading)
-    with Progress() as progress:
-        return lfdepth.estimate(lf, range=range, threads=threads, progress=progress).disparity
+def _check_focus(
+    disparity: float | None, all_in_focus: bool, without_foreground: float | None, source: MapSource
+) -> None:
+    """Raise LightFieldError unless the options of `refocus` ask for one thing."""
+    if (disparity is None) != all_in_focus:
+        raise LightFieldError("refocus: expected either --disparity D or --all-in-focus; give one of them")
+    if all_in_focus and without_foreground is not None:
+        raise LightFieldError(
+            "--without-foreground: found with --all-in-focus, expected with --disparity D; leave one out"
+        )
+    if source != ESTIMATED and not all_in_focus and without_foreground is None:
+        raise LightFieldError(
+            "--map, --method, --range: found without a use for a disparity map; expected them with "
+            "--without-foreground D or --all-in-focus; leave them out"
+        )
 
 
 def _check_map_options(quantity: Quantity, mesh: bool) -> None:
@@ -448,17 +420,9 @@ def _with_range(
     from lfdepth.autorange import find_range
 
     if range is None and needed and lf.disparity_range is None:
-        _check_order(lf, reading)
+        reading.require_order(lf)
         range = find_range(lf)
     return lf if range is None else replace(lf, disparity_range=range)
-
-
-def _check_order(lf: LightField, reading: Reading) -> None:
-    """Raise LightFieldError if a range would be looked for in views whose order is wrong."""
-    if lf.disparity_range is None and (found := reading.check_order(lf)).wrong:
-        raise LightFieldError(
-            f"{lf.name}: {found.message}; or give --range MIN MAX, and they are taken as they are"
-        )
 
 
 def _search_range(

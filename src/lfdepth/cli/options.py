@@ -14,6 +14,9 @@ from lfdepth import methods
 from lfdepth.errors import LightFieldError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from lfdepth.lightfield import LightField
     from lfdepth.orientation import Orientation
 
@@ -166,6 +169,13 @@ class Reading:
 
         return check_orientation(lf, applied=Reordering(self.transpose, self.flip_v, self.flip_u))
 
+    def require_order(self, lf: LightField) -> None:
+        """Raise LightFieldError if a range would be looked for in views whose order is wrong."""
+        if lf.disparity_range is None and (found := self.check_order(lf)).wrong:
+            raise LightFieldError(
+                f"{lf.name}: {found.message}; or give --range MIN MAX, and they are taken as they are"
+            )
+
     @property
     def keeps_size(self) -> bool:
         """Whether views keep the size that they have in the files."""
@@ -180,6 +190,60 @@ _LONG_NAMES = {
 
 ReadingParameters = Annotated[Reading, Parameter(name="*", group=Group("Reading the scene", sort_key=3))]
 AS_IT_IS = Reading()
+
+
+# --- where a disparity map comes from
+
+MapMethod = Annotated[str | None, Parameter(show_default=lambda _: DEFAULT_METHOD)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapSource:
+    """The disparity map of the reference view: a file, or an estimate.
+
+    Attributes
+    ----------
+    map
+        Disparity map, such as "lfdepth estimate" writes; without it, one is estimated.
+    method
+        Name of the method that estimates it; "lfdepth methods" lists them.
+    range
+        Smallest and largest disparity that the estimate searches, px per view step; by default the scene's
+        own, or if it has none the one that is found in its views.
+    """
+
+    map: Path | None = None
+    method: MapMethod = None
+    range: Range = None
+
+    def __post_init__(self) -> None:
+        if self.map is not None and (self.method is not None or self.range is not None):
+            option = "--range" if self.method is None else "--method"
+            raise LightFieldError(
+                f"{option}: found with --map, from which nothing is estimated; leave one out"
+            )
+        if self.method is not None:
+            methods.method(self.method)
+
+    def of(self, lf: LightField, reading: Reading, threads: int | None) -> NDArray[np.float32]:
+        """The map (H, W)."""
+        import lfdepth
+        from lfdepth.cli.progress import Progress
+        from lfdepth.io import read_disparity
+
+        if self.map is not None:
+            return read_disparity(self.map)
+        if self.range is None:
+            reading.require_order(lf)
+        with Progress() as progress:
+            method = self.method or DEFAULT_METHOD
+            return lfdepth.estimate(
+                lf, method, range=self.range, threads=threads, progress=progress
+            ).disparity
+
+
+MapSources = Annotated[MapSource, Parameter(name="*", group=Group("The disparity map", sort_key=2))]
+ESTIMATED = MapSource()
 
 
 # --- checks before long work
