@@ -327,6 +327,20 @@ def test_scenes_without_the_metric_play_no_part_in_its_mean() -> None:
     assert "<title>a: 1, 2</title>" in page
 
 
+def test_run_times_come_in_seconds_and_as_their_logarithm() -> None:
+    result = result_of({"a": {"x": 1.0}, "b": {"x": 2.0}})
+    entry = result.scenes[0].entries["b"]
+    entries = {**result.scenes[0].entries, "b": replace(entry, found=replace(entry.found, runtime=0.01))}
+    result = replace(result, scenes=(replace(result.scenes[0], entries=entries),))
+    seconds, logarithms = tables(result)[-2:]
+    assert [row.cells[0].value for row in seconds.rows[:2]] == [1.0, 0.01]
+    assert [row.cells[0].value for row in logarithms.rows[:2]] == [0.0, -2.0]
+    assert [row.cells[0].rank for row in logarithms.rows[:2]] == [2, 1]
+    spo = next(row for row in logarithms.rows if row.method == "SPO")
+    assert spo.mean.value == pytest.approx(np.log10(2130))
+    assert figures(-2.0) == "-2.00"
+
+
 @pytest.mark.parametrize(
     ("value", "text"), [(12.34, "12.3"), (2.594, "2.59"), (0.0434, "0.043"), (110.0, "110"), (0.0, "0")]
 )

@@ -28,6 +28,7 @@ def bench(
     *scenes: str,
     output: Output,
     methods: Annotated[tuple[str, ...], Several] = (),
+    settings: Annotated[tuple[str, ...], Several] = (),
     plan: Path | None = None,
     external: Annotated[tuple[Path, ...], Several] = (),
     compare: Annotated[tuple[str, str] | None, Parameter(metavar="A B")] = None,
@@ -42,6 +43,7 @@ def bench(
 
         lfdepth bench path/to/cotton path/to/dino -o compared
         lfdepth bench suite --methods fbs-sfa fbsocc-sfa:step=0.02,skip=7 -o compared
+        lfdepth bench suite --methods fbs-sfa fbsocc-sfa --settings step=0.02 step=0.05 -o compared
         lfdepth bench --plan plan.toml -o compared
 
     Parameters
@@ -52,6 +54,8 @@ def bench(
         Folder for the tables, report.html and the runs that are remembered.
     methods
         Methods, with parameters as in fbsocc-sfa:step=0.02,skip=7; all methods by default.
+    settings
+        Parameters as in step=0.02,skip=7; each of these sets is tried with every one of the methods.
     plan
         TOML file with scenes, methods, settings and external, besides those given here.
     external
@@ -65,15 +69,16 @@ def bench(
     """
     from lfdepth.cli.progress import Progress
     from lfdepth.evaluation.bench import bench as run_bench
-    from lfdepth.evaluation.plan import Plan, read_plan, setting
+    from lfdepth.evaluation.plan import Plan, cross, parameters, read_plan, setting
     from lfdepth.evaluation.tables import markdown, tables
 
     planned = read_plan(plan) if plan else Plan((), ())
     named = methods or (() if plan else known_methods.NAMES)
+    tried = cross(map(setting, named), [parameters(each) for each in settings] or [{}])
     with Progress() as progress:
         result = run_bench(
             [*planned.scenes, *scenes],
-            [*planned.settings, *map(setting, named)],
+            [*planned.settings, *tried],
             output,
             external=[*planned.external, *external],
             compare=[compare] if compare else None,

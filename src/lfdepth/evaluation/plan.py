@@ -40,15 +40,20 @@ def setting(text: str) -> Setting:
         If a parameter is not of the form name=value.
     """
     method, _, rest = text.partition(":")
+    return Setting(text, method, parameters(rest))
+
+
+def parameters(text: str) -> dict[str, Any]:
+    """Read parameters such as ``step=0.02,skip=7``; LightFieldError where one is not name=value."""
     options = {}
-    for part in filter(None, rest.split(",")):
+    for part in filter(None, text.split(",")):
         name, equals, value = part.partition("=")
         if not (name and equals and value):
             raise LightFieldError(
                 f"setting {text!r}: found {part!r}; expected METHOD:NAME=VALUE,NAME=VALUE; correct it"
             )
         options[name.strip()] = _value(value.strip())
-    return Setting(text, method, options)
+    return options
 
 
 def _value(text: str) -> Any:

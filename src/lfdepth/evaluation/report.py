@@ -230,7 +230,7 @@ def _table_html(table: Table, numbered: Sequence[Source]) -> str:
 def _row_html(row: Row, table: Table, numbered: Sequence[Source]) -> str:
     origin = " <small>external</small>" if row.origin == "external" else ""
     source = f" <small>[{numbered.index(row.source) + 1}]</small>" if row.source else ""
-    device = f" <small>{escape(row.device)}</small>" if row.device and table.key == "runtime" else ""
+    device = f" <small>{escape(row.device)}</small>" if row.device and table.key.startswith("runtime") else ""
     learned = " <small>learned</small>" if row.learned else ""
     cells = "".join(_cell_html(cell) for cell in (*row.cells, row.mean))
     return f"<tr><th>{escape(row.method)}{origin}{learned}{device}{source}</th>{cells}</tr>"

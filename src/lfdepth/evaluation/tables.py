@@ -17,6 +17,10 @@ BOLD = 3
 """How many of the best are set in bold, as the paper does; never the last of a column."""
 
 
+_LOG = "runtime_log10"
+_SHORTEST = 1e-6  # s; a shorter run time has this logarithm
+
+
 @dataclass(frozen=True)
 class Cell:
     """One value of a table.
@@ -66,15 +70,21 @@ class Table:
 
 
 def tables(result: Bench, *, published: bool = True) -> tuple[Table, ...]:
-    """A table for each metric that a scene has, in the order of `METRICS`, and one of the run times.
+    """A table for each metric that a scene has, in the order of `METRICS`, and two of the run times.
 
     Published rows stand in the tables of the metrics that they have for one of the scenes. A column is ranked
     among the values that were taken on truth of the same resolution as the measured ones; a mean is ranked if
     it is over all scenes.
     """
-    units = {metric.key: metric.unit for metric in METRICS} | {"runtime": "s"}
+    units = {metric.key: metric.unit for metric in METRICS} | {"runtime": "s", _LOG: "log10 s"}
     return tuple(
-        Table(key, label_of(key), unit, tuple(scene.name for scene in result.scenes), rows)
+        Table(
+            key,
+            label_of(key.removesuffix("_log10")),
+            unit,
+            tuple(scene.name for scene in result.scenes),
+            rows,
+        )
         for key, unit in units.items()
         if (rows := _rows(result, key, published))
     )
@@ -97,8 +107,9 @@ def _cell(scene: SceneResult, method: str, key: str) -> Cell:
     entry = scene.entries.get(method)
     if entry is None:
         return Cell(note="failed")
-    if key == "runtime":
-        return Cell(note="no run time") if entry.found.runtime is None else Cell(entry.found.runtime)
+    if key in ("runtime", _LOG):
+        seconds = entry.found.runtime
+        return Cell(note="no run time") if seconds is None else Cell(_scaled(key, seconds))
     if entry.scores is None:
         return Cell(note="no truth")
     if key not in entry.scores:
@@ -106,12 +117,16 @@ def _cell(scene: SceneResult, method: str, key: str) -> Cell:
     return Cell(entry.scores[key], entry.scores.notes.get(key, ""), entry.scores.resolution[key])
 
 
+def _scaled(key: str, seconds: float) -> float:
+    return math.log10(max(seconds, _SHORTEST)) if key == _LOG else seconds
+
+
 def _published(result: Bench, key: str, scored: Sequence[bool]) -> Iterator[Row]:
     for row in published_rows():
         cells = tuple(_published_cell(row, scene.name, key) for scene in result.scenes)
         made = Row(row.method, "published", cells, Cell(), row.source, row.device, row.learned)
-        if key == "runtime" and row.runtime is not None:
-            yield replace(made, mean=Cell(row.runtime, "on the authors' machine"))
+        if key in ("runtime", _LOG) and row.runtime is not None:
+            yield replace(made, mean=Cell(_scaled(key, row.runtime), "on the authors' machine"))
         elif any(cell.value is not None for cell in cells):
             # A mean over some of the scenes would stand beside means over all of them.
             whole = all(cell.value is not None for cell in compress(cells, scored))
