@@ -2,7 +2,12 @@
 
 >>> import lfdepth
 >>> lf = lfdepth.read("cotton")  # doctest: +SKIP
->>> result = lfdepth.estimate(lf, method="fbsocc-sfa")  # doctest: +SKIP
+>>> result = lfdepth.estimate(lf)  # doctest: +SKIP
+>>> lfdepth.write("cotton.pfm", result)  # doctest: +SKIP
+
+Before an estimate: `check_orientation` tells from the pixels whether the views are in order, `find_range` the
+range of their disparities. After it: `refocus`, `all_in_focus`, `foreground_masks`, and for metres the
+`Camera` of the light field: ``lf.camera.disparity_to_depth(result.disparity)``, ``lf.camera.points(...)``.
 """
 
 from __future__ import annotations
@@ -11,12 +16,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from lfdepth.autorange import find_range
     from lfdepth.camera import Camera
     from lfdepth.errors import LightFieldError
     from lfdepth.evaluation import evaluate
-    from lfdepth.io import read, write
+    from lfdepth.focusing import all_in_focus, foreground_masks, refocus, write_masks, write_picture
+    from lfdepth.io import read, read_confidence, read_disparity, write
     from lfdepth.lightfield import LightField
     from lfdepth.methods import Method, method
+    from lfdepth.orientation import check_orientation
     from lfdepth.sweep.run import Result, estimate
 
 __version__ = "0.1.0"
@@ -28,11 +36,20 @@ _HOMES = {
     "LightFieldError": "lfdepth.errors",
     "Method": "lfdepth.methods",
     "Result": "lfdepth.sweep.run",
+    "all_in_focus": "lfdepth.focusing",
+    "check_orientation": "lfdepth.orientation",
     "estimate": "lfdepth.sweep.run",
     "evaluate": "lfdepth.evaluation",
+    "find_range": "lfdepth.autorange",
+    "foreground_masks": "lfdepth.focusing",
     "method": "lfdepth.methods",
     "read": "lfdepth.io",
+    "read_confidence": "lfdepth.io",
+    "read_disparity": "lfdepth.io",
+    "refocus": "lfdepth.focusing",
     "write": "lfdepth.io",
+    "write_masks": "lfdepth.focusing",
+    "write_picture": "lfdepth.focusing",
 }
 
 __all__ = [
@@ -41,11 +58,20 @@ __all__ = [
     "LightFieldError",
     "Method",
     "Result",
+    "all_in_focus",
+    "check_orientation",
     "estimate",
     "evaluate",
+    "find_range",
+    "foreground_masks",
     "method",
     "read",
+    "read_confidence",
+    "read_disparity",
+    "refocus",
     "write",
+    "write_masks",
+    "write_picture",
 ]
 
 

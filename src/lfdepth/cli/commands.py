@@ -308,7 +308,7 @@ def refocus(
         Number of threads; every processor by default.
     """
     _check_focus(disparity, all_in_focus, without_foreground, source)
-    from lfdepth import refocus as focusing
+    from lfdepth import focusing
 
     check_picture(output, apart_from=source.map)
     lf = reading.read(scene)
@@ -358,8 +358,8 @@ def mask(
     threads
         Number of threads; every processor by default.
     """
+    from lfdepth.focusing import foreground_masks, holds_masks, write_masks
     from lfdepth.io.atomic import check_target
-    from lfdepth.refocus import foreground_masks, holds_masks, write_masks
 
     check_target(output, replaceable=holds_masks)
     lf = reading.read(scene)

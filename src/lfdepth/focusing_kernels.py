@@ -1,4 +1,4 @@
-"""Kernels of `lfdepth.refocus`."""
+"""Kernels of `lfdepth.focusing`."""
 
 # numba ships no types for its decorators
 # mypy: disallow-untyped-decorators=False

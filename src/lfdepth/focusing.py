@@ -229,7 +229,7 @@ def _average(
     With the `surface` that the reference view sees, views do not count where they show something nearer than
     `limit`, a disparity for each point.
     """
-    from lfdepth.refocus_kernels import gather_kernel
+    from lfdepth.focusing_kernels import gather_kernel
     from lfdepth.sweep.parallel import Workers
 
     total: NDArray[np.float32] = np.zeros((lf.height, lf.width, lf.shape[4]), np.float32)
@@ -256,7 +256,7 @@ def _present_views(lf: LightField) -> Iterator[tuple[tuple[int, int], int, int]]
 
 def _front(surface: NDArray[np.float32], v: int, u: int, plane: float = 0.0) -> NDArray[np.float32]:
     """Disparity (H, W) of what view (u, v) shows, as seen from a plane; −inf where nothing is known of it."""
-    from lfdepth.refocus_kernels import splat_kernel
+    from lfdepth.focusing_kernels import splat_kernel
 
     front = np.full(surface.shape, -np.inf, np.float32)
     splat_kernel(front, surface, plane, v, u, JUMP)
