@@ -40,17 +40,24 @@ def setting(text: str) -> Setting:
         If a parameter is not of the form name=value.
     """
     method, _, rest = text.partition(":")
-    return Setting(text, method, parameters(rest))
+    return Setting(text, method, parameters(rest, named=text))
 
 
-def parameters(text: str) -> dict[str, Any]:
-    """Read parameters such as ``step=0.02,skip=7``; LightFieldError where one is not name=value."""
+def parameters(text: str, *, named: str | None = None) -> dict[str, Any]:
+    """Read parameters such as ``step=0.02,skip=7``.
+
+    Raises
+    ------
+    LightFieldError
+        If one is not of the form name=value; it calls the whole `named`.
+    """
     options = {}
     for part in filter(None, text.split(",")):
         name, equals, value = part.partition("=")
         if not (name and equals and value):
             raise LightFieldError(
-                f"setting {text!r}: found {part!r}; expected METHOD:NAME=VALUE,NAME=VALUE; correct it"
+                f"setting {named or text!r}: found {part!r}; expected {'METHOD:' if named else ''}"
+                "NAME=VALUE,NAME=VALUE; correct it"
             )
         options[name.strip()] = _value(value.strip())
     return options
