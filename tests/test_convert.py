@@ -27,9 +27,7 @@ from lfdepth.errors import LightFieldError
 from lfdepth.io import check_light_field_writable, read, write
 from lfdepth.lightfield import LightField
 
-KEEP_FOLDER = settings(
-    suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40, deadline=None
-)
+KEEP_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
 CONTAINERS = ("npz", "h5", "zarr", "mat")
 NAMES = (*(f"lf.{ending}" for ending in (*CONTAINERS, "npy", "tif")), "lf")
 
