@@ -631,17 +631,38 @@ def test_force_allows_many_planes(scene: Path, run: Run) -> None:
 @pytest.mark.parametrize(
     ("content", "parts"),
     [
-        (nan_map(), ["map.pfm", "1 of 2304 values are NaN or infinite"]),
+        (b"Pf\n48 48\n-1.0\n" + b"\xff" * (4 * 48 * 48), ["scene", "no finite value"]),
         (nan_map()[:-9], ["map.pfm", "expected"]),
         (b"Pf\n8 8\n-1.0\n" + bytes(256), ["8x8 px", "48x48 px", "scene"]),
         (b"P6 no map", ["map.pfm", "expected"]),
     ],
-    ids=["NaN", "truncated", "other size", "no map"],
+    ids=["all NaN", "truncated", "other size", "no map"],
 )
 def test_bad_result(scene: Path, run: Run, content: bytes, parts: list[str]) -> None:
     Path("map.pfm").write_bytes(content)
     assert_refused(run("evaluate", "map.pfm", "scene", "--error-map", "error.png"), parts)
     assert left_behind() == ["map.pfm"]
+
+
+def test_a_pixel_without_a_value_is_bad_and_counted(scene: Path, run: Run) -> None:
+    values = read_disparity(scene / "gt_disp_lowres.pfm")[::-1].astype("<f4")
+    values[20, 24] = np.nan
+    Path("map.pfm").write_bytes(f"Pf\n{SIZE} {SIZE}\n-1.0\n".encode() + values.tobytes())
+    status, out, err = run("evaluate", "map.pfm", "scene", "--error-map", "error.png", "--json")
+    assert (status, err) == (0, "")
+    facts = json.loads(out)
+    assert facts["invalid_pixels"] == 1
+    assert facts["scores"]["badpix_0.07"] == pytest.approx(100 / (SIZE - 30) ** 2)
+    assert Path("error.png").exists()
+
+
+def test_a_mask_of_another_size_is_left_out_and_named(scene: Path, run: Run) -> None:
+    write("map.pfm", np.zeros((SIZE, SIZE), np.float32))
+    Image.new("L", (4, 5)).save(scene / "mask_planes_lowres.png")
+    status, out, err = run("evaluate", "map.pfm", "scene", "--json")
+    assert status == 0
+    assert err == "mask left out: scene/mask_planes_lowres.png: 4x5 px; expected 48x48 px; replace it\n"
+    assert "mask_planes_lowres.png: 4x5 px" in json.loads(out)["missing"]["bumpiness_planes"]
 
 
 def test_evaluate_without_truth(scene: Path, run: Run) -> None:
