@@ -601,3 +601,82 @@ def test_missing_library_names_the_extra(tmp_path: Path, monkeypatch: pytest.Mon
     monkeypatch.setattr("lfdepth.io.extras.import_module", absent)
     with pytest.raises(LightFieldError, match=r'needs the package h5py.*pip install "lfdepth\[hdf5\]"'):
         read(tmp_path / "buddha.h5")
+
+
+# Pictures that are easily taken for others
+
+
+@pytest.mark.parametrize(
+    ("mode", "ending", "message"),
+    [
+        ("P", "png", "picture of mode P"),
+        ("P", "bmp", "picture of mode P"),
+        ("P", "tif", "picture of mode PALETTE with 8 bits"),
+        ("1", "tif", "picture of mode .* with 1 bits"),
+        ("I", "tif", "picture of mode int32"),
+        ("LA", "png", "picture of mode LA"),
+        ("RGBA", "png", "picture of mode RGBA"),
+        ("RGBA", "tif", r"picture of mode with shape \(8, 9, 4\)"),
+        ("CMYK", "jpg", "picture of mode CMYK"),
+        ("CMYK", "tif", r"picture of mode with shape \(8, 9, 4\)"),
+    ],
+)
+def test_pictures_that_are_neither_grey_nor_rgb(tmp_path: Path, mode: str, ending: str, message: str) -> None:
+    for v, u in np.ndindex(3, 3):
+        Image.fromarray(VIEWS[v, u]).convert(mode).save(tmp_path / f"v{v}_u{u}.{ending}")
+    with pytest.raises(
+        LightFieldError, match=rf"v1_u1\.{ending}: {message}.*; expected grey or RGB"
+    ) as error:
+        read(tmp_path)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("options", [{"photometric": "miniswhite"}, {"bitspersample": 12}])
+def test_tiff_whose_samples_mean_something_else(tmp_path: Path, options: dict[str, Any]) -> None:
+    views = random_views(9, 8, 9, dtype="uint16") // 16
+    tifffile.imwrite(tmp_path / "pages.tif", views, **({"photometric": "minisblack"} | options))
+    with pytest.raises(LightFieldError, match=r"pages\.tif: page of MINIS.* with 1[26] bits; expected grey"):
+        read(tmp_path / "pages.tif")
+
+
+def test_notes_that_are_a_bomb_are_not_unpacked(tmp_path: Path) -> None:
+    header = b"{'descr': '<U500000000', 'fortran_order': False, 'shape': (), }".ljust(117) + b"\n"
+    np.savez(tmp_path / "lf.npz", LF=VIEWS)
+    with zipfile.ZipFile(tmp_path / "lf.npz", "a", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("lfdepth.npy", b"\x93NUMPY\x01\x00\x76\x00" + header)
+    np.testing.assert_array_equal(read(tmp_path / "lf.npz").views, VIEWS)
+
+
+def test_names_with_spaces_and_other_letters(tmp_path: Path) -> None:
+    folder = tmp_path / "Lichtfeld ä 光場"
+    write_views(folder, VIEWS, lambda v, u: f"Ansicht ß 景 {v} {u}.png")
+    np.testing.assert_array_equal(read(folder).views, VIEWS)
+    for name in (
+        "ein Feld 光.npz",
+        "ein Feld 光.npy",
+        "ein Feld 光.h5",
+        "ein Feld 光.mat",
+        "ein Feld 光.tif",
+    ):
+        path = tmp_path / name
+        if path.suffix == ".npz":
+            np.savez(path, LF=VIEWS)
+        elif path.suffix == ".npy":
+            np.save(path, VIEWS)
+        elif path.suffix == ".mat":
+            scipy.io.savemat(path, {"LF": VIEWS})
+        elif path.suffix == ".tif":
+            tifffile.imwrite(path, VIEWS, photometric="rgb")
+        else:
+            with h5py.File(path, "w") as file:
+                file["LF"] = VIEWS
+        np.testing.assert_array_equal(read(path).views, VIEWS)
+
+
+def test_loops_of_links(tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to("loop")
+    with pytest.raises(LightFieldError, match="loop: Too many levels of symbolic links; expected a light"):
+        read(tmp_path / "loop")
+    write_views(tmp_path / "scene", VIEWS, lambda v, u: f"{v}_{u}.png")
+    (tmp_path / "scene/around").symlink_to("..")  # a folder in itself does no harm
+    np.testing.assert_array_equal(read(tmp_path / "scene").views, VIEWS)

@@ -23,6 +23,9 @@ from lfdepth.io.record import Record
 from lfdepth.io.source import ViewSource
 from lfdepth.lightfield import LightField
 
+# Bytes that notes take at most; those of 1000×1000 views take 4 MB.
+_MOST_TEXT = 16 << 20
+
 
 def recognise_npy(path: Path) -> bool:
     """True for an NPY file."""
@@ -58,7 +61,7 @@ def open_npz(path: Path, layout: Layout) -> ViewSource:
         If the archive is damaged, holds no light field, or unpacks to more than `limits.MAX_BYTES`.
     """
     members = _read_members(path)
-    text = members[KEY][()] if KEY in members else None
+    text = members[KEY][()] if KEY in members and members[KEY].nbytes < _MOST_TEXT else None
     return stack.open_arrays(members, text, path, layout)
 
 
@@ -151,13 +154,18 @@ class _Member:
     def __getitem__(self, index: Any, /) -> Any:
         return self._values[index]
 
+    @property
+    def nbytes(self) -> int:
+        """Bytes that it takes in memory."""
+        return prod(self.shape) * self.dtype.itemsize
+
     @cached_property
     def _values(self) -> npt.NDArray[Any]:
         if self.start is not None and self.shape and 0 not in self.shape and not self.dtype.hasobject:
             order: Any = "F" if self.fortran_order else "C"
             with _readable(self.path):
                 return np.memmap(self.path, self.dtype, "r", self.start, self.shape, order)
-        limits.check_unpacked(self.path, prod(self.shape) * self.dtype.itemsize)
+        limits.check_unpacked(self.path, self.nbytes)
         with _readable(self.path), np.load(self.path, allow_pickle=False) as archive:
             return np.asarray(archive[self.name])
 

@@ -124,12 +124,16 @@ def _decode_png(path: Path, header: bytes, drop_alpha: bool) -> tuple[npt.NDArra
 
 
 def _decode_tiff(path: Path) -> tuple[npt.NDArray[Any], str]:
-    pixels = np.asarray(need_tifffile(path).imread(path, key=0))
-    return as_grey_or_rgb(pixels)
+    with need_tifffile(path).TiffFile(path) as file:
+        return decode_page(file.pages[0])
 
 
-def as_grey_or_rgb(pixels: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], str]:
-    """A TIFF page in native byte order, and the mode that it would have elsewhere."""
+def decode_page(page: Any) -> tuple[npt.NDArray[Any], str]:
+    """A page of a TIFF in native byte order, and the mode that it would have elsewhere."""
+    pixels = np.asarray(page.asarray())
+    kind, bits = page.photometric.name, page.bitspersample
+    if kind in ("PALETTE", "MINISWHITE") or bits != 8 * pixels.dtype.itemsize:
+        return pixels, f"{kind} with {bits} bits"
     if pixels.dtype.kind == "f":
         pixels = pixels.astype(np.float32)
     elif pixels.dtype not in (np.uint8, np.uint16):

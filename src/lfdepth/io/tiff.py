@@ -16,7 +16,7 @@ from lfdepth.io.atomic import atomic
 from lfdepth.io.extras import need_tifffile
 from lfdepth.io.layout import Layout
 from lfdepth.io.notes import KEY, Notes, notes_of, parse_notes
-from lfdepth.io.picture import as_grey_or_rgb
+from lfdepth.io.picture import decode_page
 from lfdepth.io.record import Record
 from lfdepth.io.source import ViewSource
 from lfdepth.lightfield import LightField
@@ -50,7 +50,7 @@ def open_tiff(path: Path, layout: Layout) -> ViewSource:
     def read_view(v: int, u: int) -> npt.NDArray[Any]:
         try:
             with lock:
-                pixels, mode = as_grey_or_rgb(np.asarray(file.pages[v * grid[1] + u].asarray()))
+                pixels, mode = decode_page(file.pages[v * grid[1] + u])
         except Exception as error:
             raise stack.unreadable(path, error) from error
         if mode not in ("L", "RGB"):
