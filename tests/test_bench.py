@@ -245,6 +245,10 @@ def test_pictures_carry_the_scores_of_the_tables_and_the_page_says_what_was_run(
         for name, entry in each.entries.items():
             assert entry.scores is not None
             assert f"{name}: BadPix 0.07 {figures(entry.scores['badpix_0.07'])} %, MSE×100" in page
+    means = page[page.index("Means over the scenes") : page.index("BadPix 0.07 <small>")]
+    for row in next(each for each in tables(result) if each.key == "badpix_0.07").rows[:2]:
+        assert row.mean.value is not None
+        assert figures(row.mean.value) in means
     assert "<td>wedges</td><td>3×3</td><td>64×64</td>" in page
     assert "low and high resolution" in page
     assert "decoder accumulate, step 0.2" in page

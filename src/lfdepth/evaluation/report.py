@@ -63,6 +63,7 @@ BUDGET = 14_000_000
 
 _LEVELS = 0.02  # px; errors are rounded to this before they become colours, which halves the pictures
 _MAIN = ("badpix_0.07", "mse_x100", "runtime")
+_OVERVIEW = ("badpix_0.01", "badpix_0.03", "badpix_0.07", "mse_x100", "q25", "discontinuities", "runtime")
 
 
 def write_reports(
@@ -189,6 +190,7 @@ def html_text(result: Bench, found: Sequence[Table], compare: Sequence[tuple[str
         f"<p>{len(result.scenes)} scenes, {len(result.methods)} methods, lfdepth {escape(__version__)}.</p>",
         _failures_html(result),
         f"<p>{escape(_LEGEND).replace('*published*', '<em>published</em>')}</p>",
+        _overview_html([table for table in found if table.key in _OVERVIEW]),
         *(_table_html(table, numbered) for table in main),
         _details("All other metrics", "".join(_table_html(table, numbered) for table in rest))
         if rest
@@ -210,6 +212,30 @@ def _failures_html(result: Bench) -> str:
     return f'<section class="failures"><h2>Not everything ran</h2><ul>{items}</ul></section>'
 
 
+def _overview_html(found: Sequence[Table]) -> str:
+    """The means of the methods that were run or given, over all scenes, in one table."""
+    if not found:
+        return ""
+    head = "".join(f"<th>{escape(_titled(table))}</th>" for table in found)
+    lines = ""
+    for number, row in enumerate(found[0].rows):
+        if row.origin != "published":  # rows of our own come first, in the same order in every table
+            cells = "".join(_cell_html(table.rows[number].mean) for table in found)
+            lines += f"<tr><th>{escape(row.method)}{_origin(row)}</th>{cells}</tr>"
+    return (
+        '<h2>Means over the scenes</h2><div class="wide"><table class="overview"><thead><tr><th>method</th>'
+        f"{head}</tr></thead><tbody>{lines}</tbody></table></div>"
+    )
+
+
+def _titled(table: Table) -> str:
+    return f"{table.label} ({table.unit})" if table.unit else table.label
+
+
+def _origin(row: Row) -> str:
+    return " <small>external</small>" if row.origin == "external" else ""
+
+
 def _table_html(table: Table, numbered: Sequence[Source]) -> str:
     unit = f" <small>({escape(table.unit)})</small>" if table.unit else ""
     head = "".join(f"<th>{escape(name)}</th>" for name in ("method", *table.scenes, "mean"))
@@ -228,17 +254,17 @@ def _table_html(table: Table, numbered: Sequence[Source]) -> str:
 
 
 def _row_html(row: Row, table: Table, numbered: Sequence[Source]) -> str:
-    origin = " <small>external</small>" if row.origin == "external" else ""
     source = f" <small>[{numbered.index(row.source) + 1}]</small>" if row.source else ""
     device = f" <small>{escape(row.device)}</small>" if row.device and table.key.startswith("runtime") else ""
     learned = " <small>learned</small>" if row.learned else ""
     cells = "".join(_cell_html(cell) for cell in (*row.cells, row.mean))
-    return f"<tr><th>{escape(row.method)}{origin}{learned}{device}{source}</th>{cells}</tr>"
+    return f"<tr><th>{escape(row.method)}{_origin(row)}{learned}{device}{source}</th>{cells}</tr>"
 
 
 def _cell_html(cell: Cell) -> str:
     if cell.value is None:
-        return f'<td class="none">{escape(cell.note)}</td>'
+        short = "no mask" if cell.note.startswith("no mask") else cell.note
+        return f'<td class="none" title="{escape(cell.note)}">{escape(short)}</td>'
     text = escape(figures(cell.value))
     mark = cell_mark(cell)
     return (
@@ -520,6 +546,7 @@ svg { max-width: 100%; height: auto } svg text { font: 11px system-ui, sans-seri
 svg .grid { stroke: #e3e3e3; fill: none }
 svg text.name { paint-order: stroke; stroke: #fff; stroke-width: 3px }
 .facts { margin-bottom: 14px } .facts th, .facts td { text-align: left; vertical-align: top }
+.overview td:last-child { border-left: 0 }
 .facts td:last-child { border-left: 0; white-space: normal }
 figure { margin: 0; min-width: 0 } figcaption { font-size: 12.5px; color: #444; padding: 2px 0 }
 .charts figcaption { text-align: center }
