@@ -281,3 +281,16 @@ def test_unknown_arrays_in_zarr(tmp_path: Path) -> None:
     zarr.create_array(str(tmp_path / "array.zarr"), data=MAP)
     with pytest.raises(LightFieldError, match=r"array\.zarr: holds nothing; expected an array 'disparity'"):
         read_disparity(tmp_path / "array.zarr")
+
+
+def test_opencv_reads_pfm_png_and_tiff(tmp_path: Path) -> None:
+    cv2 = pytest.importorskip("cv2")
+    for ending in (".pfm", ".tif", ".png"):
+        write(tmp_path / f"map{ending}", MAP)
+    for ending in (".pfm", ".tif"):
+        values = cv2.imread(str(tmp_path / f"map{ending}"), cv2.IMREAD_UNCHANGED)
+        np.testing.assert_array_equal(values, MAP)
+    header = json.loads((tmp_path / "map.json").read_text())
+    samples = cv2.imread(str(tmp_path / "map.png"), cv2.IMREAD_UNCHANGED)
+    assert samples.dtype == np.uint16
+    np.testing.assert_allclose(samples * header["scale"] + header["offset"], MAP, atol=header["scale"])
