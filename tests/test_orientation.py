@@ -5,7 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
+from typing import Any
 
+import h5py  # type: ignore[import-untyped]
 import numpy as np
 import pytest
 from hypothesis import given
@@ -168,12 +170,32 @@ def test_reading_refuses_views_in_another_order(tmp_path: Path) -> None:
     np.save(tmp_path / "right.npy", lf.views)
     np.save(tmp_path / "wrong.npy", lf.views[::-1])
     assert lfdepth.read(tmp_path / "right.npy", check=True).shape == lf.shape
-    with pytest.raises(LightFieldError, match=r"wrong.npy: .*; use --flip-v$") as error:
+    with pytest.raises(
+        LightFieldError, match=r"wrong.npy: .*; use --flip-v; in Python read.path, flip_v=True.$"
+    ) as error:
         read(tmp_path / "wrong.npy", check=True)
     assert "\n" not in str(error.value)
     assert read(tmp_path / "wrong.npy", check=True, flip_v=True).shape == lf.shape
-    with pytest.raises(LightFieldError, match=r"right.npy: .*; leave out --flip-v$"):
+    with pytest.raises(LightFieldError, match=r"right.npy: .*; leave out --flip-v; in Python read.path.$"):
         read(tmp_path / "right.npy", check=True, flip_v=True)
+
+
+@pytest.mark.parametrize("mends", EIGHT)
+def test_reading_names_the_call_that_mends_an_older_hdf5_file(tmp_path: Path, mends: Reordering) -> None:
+    """Its columns are taken to run from right to left; whatever they do in a file, the check finds out."""
+    views = disordered(scenes.render("demo", size=128, views=5, samples=1), mends).views
+    with h5py.File(tmp_path / "lf.h5", "w") as file:
+        file["LF"] = views[:, ::-1]
+        file.attrs.update(dH=0.02, dV=0.02, focalLength=400.0, shift=0.5)
+    if mends == AS_STORED:
+        read(tmp_path / "lf.h5", check=True)
+        return
+    with pytest.raises(LightFieldError, match="views are not in the expected order") as error:
+        read(tmp_path / "lf.h5", check=True)
+    assert str(error.value).endswith(f"; in Python {mends.call}")
+    assert f"use {mends.options}; " in str(error.value)
+    options: dict[str, Any] = {name: True for name, needed in vars(mends).items() if needed}
+    assert read(tmp_path / "lf.h5", check=True, **options).shape == (5, 5, 128, 128, 3)
 
 
 def test_reading_warns_if_it_cannot_tell(tmp_path: Path) -> None:

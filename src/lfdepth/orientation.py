@@ -48,6 +48,12 @@ class Reordering:
         named = {"--transpose": self.transpose, "--flip-v": self.flip_v, "--flip-u": self.flip_u}
         return " ".join(option for option, needed in named.items() if needed)
 
+    @property
+    def call(self) -> str:
+        """The same in Python, such as "read(path, transpose=True, flip_u=True)"."""
+        named = {"transpose": self.transpose, "flip_v": self.flip_v, "flip_u": self.flip_u}
+        return f"read({', '.join(['path', *(f'{name}=True' for name, needed in named.items() if needed)])})"
+
     def then(self, other: Reordering) -> Reordering:
         """What does the same as this one and then the other."""
         flip_v, flip_u = (self.flip_u, self.flip_v) if other.transpose else (self.flip_v, self.flip_u)

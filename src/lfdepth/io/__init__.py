@@ -182,7 +182,7 @@ def _check_order(lf: LightField, path: Path, selection: Selection) -> None:
     applied = Reordering(selection.transpose, selection.flip_v, selection.flip_u)
     found = check_orientation(lf, applied=applied)
     if found.wrong:
-        raise LightFieldError(f"{path}: {found.message}")
+        raise LightFieldError(f"{path}: {found.message}; in Python {found.reordering.call}")
     if not found.decided:
         warnings.warn(f"{path}: {found.message}", stacklevel=3)
 
