@@ -18,6 +18,7 @@ from lfdepth import scenes
 from lfdepth.autorange import find_range
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
+from lfdepth.matching import Match
 from lfdepth.scenes.stratified import STRATIFIED
 from lfdepth.scenes.suite import SUITE
 
@@ -136,6 +137,17 @@ def test_a_wall_that_is_seen_only_through_gaps_is_in_the_range() -> None:
     low, high = find_range(LightField(quantise(views[..., None], "uint8")))
     assert abs(low + 1.5) < CLOSE
     assert abs(high - 1.5) < CLOSE
+
+
+def test_calming_averages_what_agrees_and_nothing_else() -> None:
+    disparity = np.array([[0, 0.1, 5], [0.2, 0.1, 5.1], [9, 9, 9]], np.float32)
+    costs = np.ones_like(disparity), np.full_like(disparity, 9)
+    costs[1][2] = 1  # the last row is uncertain
+    calmed = Match(disparity, *costs).calmed(0.15).disparity
+    np.testing.assert_allclose(calmed[2], 9)
+    np.testing.assert_allclose(calmed[:2, 2], 5.05, rtol=1e-6)
+    np.testing.assert_allclose(calmed[0, 0], (0 + 0.1 + 0.1) / 3, rtol=1e-6)
+    np.testing.assert_allclose(calmed[1, 1], (0 + 0.1 + 0.1 + 0.2) / 4, rtol=1e-6)
 
 
 def test_the_limit_is_kept() -> None:

@@ -221,6 +221,15 @@ def test_an_array_that_its_header_makes_larger_than_it_is(tmp_path: Path) -> Non
 # --- what cannot be done
 
 
+def test_arguments_that_are_for_the_other_kind(tmp_path: Path) -> None:
+    truth = np.zeros((8, 9), np.float32)
+    for options in ({"mesh": True}, {"quantity": "depth"}, {"scene": KNOWN}):
+        with pytest.raises(LightFieldError, match="expected these with a map"):
+            write(tmp_path / "x.npz", KNOWN, **options)
+    with pytest.raises(LightFieldError, match="expected that with a light field"):
+        write(tmp_path / "x.npz", truth, format="npz")
+
+
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [

@@ -193,7 +193,7 @@ def test_only_the_selected_views_are_read(tmp_path: Path) -> None:
 
 
 @KEEP_FOLDER
-@given(kind=st.sampled_from(["npy", "h5", "zarr", "tif"]))
+@given(kind=st.sampled_from(["npy", "npz", "h5", "zarr", "tif"]))
 def test_memory_is_that_of_the_selection(tmp_path: Path, kind: str) -> None:
     """9x9 views of 160x160 px are 6.2 MB; 3x3 crops of 40x40 px are 43 kB."""
     path = tmp_path / f"lf.{kind}"
@@ -211,6 +211,8 @@ def test_memory_is_that_of_the_selection(tmp_path: Path, kind: str) -> None:
 def write_stack(path: Path, views: npt.NDArray[Any]) -> None:
     if path.suffix == ".npy":
         np.save(path, views)
+    elif path.suffix == ".npz":
+        np.savez(path, LF=views)
     elif path.suffix == ".h5":
         import h5py  # type: ignore[import-untyped]
 

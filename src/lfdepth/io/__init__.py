@@ -161,8 +161,14 @@ def write(
     """
     path = Path(path)
     if isinstance(result, LightField):
+        if scene is not None or mesh or quantity != "disparity":
+            raise LightFieldError(
+                f"{path}: a light field, with scene, quantity or mesh; expected these with a map; drop them"
+            )
         write_light_field(path, result, format)
         return
+    if format is not None:
+        raise LightFieldError(f"{path}: a map, with a format; expected that with a light field; leave it out")
     record = as_record(result)
     check_ending(path, WRITABLE)
     if path.suffix.lower() == POINTS:
