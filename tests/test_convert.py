@@ -24,7 +24,7 @@ from PIL import Image
 from fields import random_present
 from lfdepth.camera import Camera
 from lfdepth.errors import LightFieldError
-from lfdepth.io import check_light_field_writable, read, write
+from lfdepth.io import check_light_field_writable, check_writable, read, read_disparity, write
 from lfdepth.lightfield import LightField
 
 KEEP_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=40)
@@ -284,6 +284,20 @@ def test_folders_of_something_else_are_left_alone(tmp_path: Path) -> None:
     (tmp_path / "photos/view_v00_u00.png").write_bytes(b"dear")
     with pytest.raises(LightFieldError, match="is a folder that holds something else"):
         write(tmp_path / "photos", KNOWN)
+
+
+def test_a_map_and_a_light_field_do_not_take_each_others_json(tmp_path: Path) -> None:
+    assert KNOWN.truth is not None
+    write(tmp_path / "x.npy", KNOWN)
+    for act in (check_writable, lambda path: write(path, KNOWN.truth)):
+        with pytest.raises(LightFieldError, match=r"x\.json: belongs to a light field"):
+            act(tmp_path / "x.png")
+    write(tmp_path / "y.png", KNOWN.truth)
+    with pytest.raises(LightFieldError, match=r"y\.json: holds something else; .* what y\.npy cannot hold"):
+        write(tmp_path / "y.npy", KNOWN)
+    np.testing.assert_allclose(read_disparity(tmp_path / "y.png"), KNOWN.truth, atol=1e-4)
+    assert_same(read(tmp_path / "x.npy"), KNOWN, maps=False)
+    assert {entry.name for entry in tmp_path.iterdir()} == {"x.npy", "x.json", "y.png", "y.json"}
 
 
 def test_names_of_masks_stay_in_the_folder(tmp_path: Path) -> None:

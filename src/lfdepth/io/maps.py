@@ -67,11 +67,15 @@ def check_writable(path: str | Path) -> None:
     if ending in _LIBRARIES:
         need(*_LIBRARIES[ending], path)
     check_target(path, replaceable=is_zarr if ending == ".zarr" else None)
+    if ending == ".png":
+        _check_scale_file(path)
 
 
 def write_map(path: Path, record: Record) -> None:
     """Write a map in the format that the path's ending names."""
     check_ending(path, tuple(_WRITERS))
+    if path.suffix.lower() == ".png":
+        _check_scale_file(path)
     _WRITERS[path.suffix.lower()](path, record)
 
 
@@ -171,6 +175,15 @@ def check_ending(path: Path, known: tuple[str, ...]) -> None:
         raise LightFieldError(
             f"{path}: unknown ending {path.suffix or '(none)'}; expected one of {', '.join(known)}; "
             "choose one of these"
+        )
+
+
+def _check_scale_file(path: Path) -> None:
+    file = scale_file(path)
+    if read_notes(file) is not None:
+        raise LightFieldError(
+            f"{file}: belongs to a light field; expected to write the scale of {path.name} there; choose "
+            "another name"
         )
 
 

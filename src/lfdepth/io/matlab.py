@@ -50,8 +50,10 @@ def _open_5(path: Path, layout: Layout) -> ViewSource:
     text = variables.get(KEY)
     arrays = _numbers(variables)
     notes = parse_notes(text, f"{path}: {KEY}")
-    if notes is not None and "LF" in arrays and arrays["LF"].size == prod(notes.shape):
-        arrays["LF"] = arrays["LF"].reshape(notes.shape)  # MATLAB drops axes of length 1
+    if notes is not None:  # SciPy drops axes of length 1, and makes plain numbers of arrays of one
+        arrays |= {name: np.asarray(value) for name, value in variables.items() if np.isscalar(value)}
+        if "LF" in arrays and arrays["LF"].size == prod(notes.shape):
+            arrays["LF"] = arrays["LF"].reshape(notes.shape)
     return stack.open_arrays(arrays, text, path, layout, channels=3)
 
 

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from lfdepth.io import limits, signature, stack
 from lfdepth.io.atomic import atomic
 from lfdepth.io.layout import Layout
-from lfdepth.io.notes import KEY, Bundle, beside, notes_of, read_notes
+from lfdepth.io.notes import KEY, Bundle, beside, read_notes, write_beside
 from lfdepth.io.record import Record
 from lfdepth.io.source import ViewSource
 from lfdepth.lightfield import LightField
@@ -119,8 +119,7 @@ def write_views_npy(path: Path, lf: LightField) -> None:
     """Write the views (V, U, H, W, C), and beside them what NPY cannot hold, as `NAME.json`."""
     with atomic(path) as temporary:
         np.save(temporary, lf.views)
-        with atomic(beside(path)) as sidecar:
-            sidecar.write_text(notes_of(lf).text(), encoding="utf-8")
+        write_beside(path, lf)
 
 
 def write_views_npz(path: Path, lf: LightField) -> None:

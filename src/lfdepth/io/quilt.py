@@ -12,7 +12,7 @@ import numpy.typing as npt
 from lfdepth.errors import LightFieldError
 from lfdepth.io.atomic import atomic
 from lfdepth.io.layout import Layout
-from lfdepth.io.notes import beside, notes_of, read_notes
+from lfdepth.io.notes import beside, read_notes, write_beside
 from lfdepth.io.picture import ENDINGS, read_picture, write_picture
 from lfdepth.io.source import ViewSource
 from lfdepth.lightfield import LightField
@@ -91,8 +91,7 @@ def write_quilt(path: Path, lf: LightField) -> None:
     picture = tiles.transpose(0, 2, 1, 3, 4).reshape(rows * height, columns * width, channels)
     with atomic(path) as temporary:
         write_picture(temporary, picture)
-        with atomic(beside(path)) as sidecar:
-            sidecar.write_text(notes_of(lf).text(), encoding="utf-8")
+        write_beside(path, lf)
 
 
 def _suggestion(path: Path, lf: LightField) -> str:
