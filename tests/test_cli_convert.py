@@ -93,6 +93,16 @@ def test_hdf5_becomes_a_benchmark_folder(scene: Path, run: Run) -> None:
     )
 
 
+def test_float_views_become_eight_bit_pictures(scene: Path, run: Run) -> None:
+    lf = lfdepth.read(scene)
+    write("float.npz", lf.with_samples("float32"))
+    words = ["convert", "float.npz", "-o", "b", "--to", "benchmark"]
+    assert "b: float views; expected 8 or 16 bits; convert them (--samples uint16)" in run.refused(*words)
+    run(*words, "--samples", "uint8")
+    np.testing.assert_array_equal(lfdepth.read("b").views, lf.views)
+    assert "uint32" in run.refused(*words, "--samples", "uint32")
+
+
 def test_a_range_that_is_needed_is_found(scene: Path, run: Run) -> None:
     lf = lfdepth.read(scene)
     write("plain.npz", lfdepth.LightField(lf.views, lf.camera))
@@ -161,6 +171,7 @@ def test_maps_are_told_from_light_fields(scene: Path, run: Run, ending: str) -> 
     assert np.abs(np.load("out.npy") - RECORD.values).max() <= scale
     words = ["convert", f"map.{ending}", "-o", "out", "--to", "benchmark"]
     assert "is a map; expected a light field with --to" in run.refused(*words)
+    assert "is a map" in run.refused("convert", f"map.{ending}", "-o", "out.npy", "--samples", "uint8")
 
 
 @pytest.mark.parametrize(

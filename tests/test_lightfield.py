@@ -90,6 +90,27 @@ def test_crop_outside_is_refused(window: tuple[int, int, int, int]) -> None:
         LightField(random_views(3, 3, 8, 9, 1)).crop(*window)
 
 
+@pytest.mark.parametrize(
+    ("dtype", "wider"), [("uint8", "uint16"), ("uint8", "float32"), ("uint16", "float32")]
+)
+def test_samples_survive_a_wider_type(dtype: str, wider: str) -> None:
+    count = 2 ** (8 * np.dtype(dtype).itemsize)
+    views = np.resize(np.arange(count), (3, 3, 1, count // 8, 1)).astype(dtype)
+    lf = LightField(views)
+    wide = lf.with_samples(wider)
+    assert wide.views.dtype == wider
+    assert float(wide.views.max()) / wide.full_scale == float(views.max()) / lf.full_scale
+    np.testing.assert_array_equal(wide.with_samples(dtype).views, views)
+    assert lf.with_samples(dtype) is lf
+
+
+def test_samples_are_rounded_to_a_narrower_type() -> None:
+    views = np.array([0, 128, 129, 385, 386, 65535], np.uint16).reshape(1, 6, 1, 1, 1)
+    assert LightField(views).with_samples("uint8").views.ravel().tolist() == [0, 0, 1, 1, 2, 255]
+    with pytest.raises(LightFieldError, match="samples 'int16'; expected uint8, uint16, float32"):
+        LightField(views).with_samples("int16")
+
+
 def test_angular_crop_beyond_the_grid_is_refused() -> None:
     with pytest.raises(LightFieldError, match="7 views asked for along an axis that has 5"):
         LightField(random_views(5, 9, 2, 2, 1)).angular_crop(7, 3)

@@ -145,6 +145,30 @@ class LightField:
         epi: npt.NDArray[Any] = self.views[:, self.centre[1], :, x]
         return epi
 
+    def with_samples(self, dtype: str) -> LightField:
+        """The same with samples of another type, scaled so that white stays white.
+
+        Parameters
+        ----------
+        dtype
+            "uint8", "uint16" or "float32". To fewer bits, samples are rounded.
+
+        Raises
+        ------
+        LightFieldError
+            If views cannot have samples of that type.
+        """
+        if dtype not in FULL_SCALE:
+            raise self._error(f"samples {dtype!r}", ", ".join(FULL_SCALE), "choose one of these")
+        if dtype == self.views.dtype:
+            return self
+        factor = FULL_SCALE[dtype] / self.full_scale
+        views = np.empty(self.shape, dtype)
+        for index in np.ndindex(*self.shape[:2]):  # view by view: a float copy of all of them would be large
+            scaled = self.views[index] * np.float64(factor)
+            views[index] = scaled if dtype == "float32" else np.rint(scaled)
+        return replace(self, views=views)
+
     def angular_crop(self, v: int, u: int) -> LightField:
         """Keep v × u views around the reference view, which stays the same.
 

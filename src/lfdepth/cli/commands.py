@@ -210,6 +210,7 @@ def convert(
     output: Output,
     *,
     to: str | None = None,
+    samples: Literal["uint8", "uint16", "float32"] | None = None,
     range: Range = None,
     scene: Path | None = None,
     quantity: Quantity = "disparity",
@@ -239,6 +240,8 @@ def convert(
     to
         Light fields: name of the format, where the ending does not tell, such as benchmark for a folder in
         the layout of the 4D Light Field Benchmark.
+    samples
+        Light fields: type of the samples, scaled so that white stays white; by default as they are.
     range
         Light fields: smallest and largest disparity, px per view step, to be noted; by default what the scene
         says, and for the benchmark's layout, which needs it, what is found in the views.
@@ -256,12 +259,13 @@ def convert(
         _check_map_options(quantity, mesh)
         check_light_field_writable(output, to)
         lf = _with_range(reading.read(source), range, reading, needed=to == "benchmark")
+        lf = lf if samples is None else lf.with_samples(samples)
         lfdepth.write(output, lf, format=to)
         report(conversion_facts(lf, output), as_json, conversion_text)
         return
-    if to is not None or range is not None:
+    if to is not None or range is not None or samples is not None:
         raise LightFieldError(
-            f"{source}: is a map; expected a light field with --to and --range; leave them out"
+            f"{source}: is a map; expected a light field with --to, --samples and --range; leave them out"
         )
     check_writable(output)
     view = None if scene is None else reading.read(scene)

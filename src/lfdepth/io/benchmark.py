@@ -94,7 +94,7 @@ def write_benchmark(path: Path, lf: LightField) -> None:
         if its samples are float.
     """
     if lf.views.dtype == np.float32:
-        raise LightFieldError(f"{path}: float views; expected 8 or 16 bits; write another format instead")
+        raise LightFieldError(f"{path}: float views; expected 8 or 16 bits; convert them (--samples uint16)")
     if lf.camera is None or lf.disparity_range is None:
         absent = "camera" if lf.camera is None else "disparity range"
         raise LightFieldError(

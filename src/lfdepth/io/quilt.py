@@ -86,7 +86,7 @@ def write_quilt(path: Path, lf: LightField) -> None:
             f"Python); call it {_suggestion(path, lf)}"
         )
     if lf.views.dtype == np.float32:
-        raise LightFieldError(f"{path}: float views; expected 8 or 16 bits; write .tif or .npz instead")
+        raise LightFieldError(f"{path}: float views; expected 8 or 16 bits; convert them (--samples uint16)")
     tiles = lf.views[0].reshape(rows, columns, height, width, channels)[::-1]
     picture = tiles.transpose(0, 2, 1, 3, 4).reshape(rows * height, columns * width, channels)
     with atomic(path) as temporary:
