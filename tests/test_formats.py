@@ -352,6 +352,8 @@ def older_benchmark_file(path: Path, shift: float = 0.5) -> tuple[Views, Views]:
 
 def test_hdf5_of_the_older_benchmark(tmp_path: Path) -> None:
     views, depth = older_benchmark_file(tmp_path / "buddha.h5")
+    window = read(tmp_path / "buddha.h5", crop=(1, 2, 4, 3), views=(3, 3))
+    np.testing.assert_array_equal(window.views, views[1:4, 1:4, 2:5, 1:5])
     lf = read(tmp_path / "buddha.h5")
     np.testing.assert_array_equal(lf.views, views)
     assert lf.truth is not None

@@ -102,9 +102,12 @@ def _older_benchmark(source: ViewSource, file: Any, arrays: dict[str, Any]) -> V
             width=width,
             height=height,
         )
+    read_part = source.read_part
+    assert read_part is not None  # arrays have one
     return replace(
         source,
         read_view=lambda row, column: source.read_view(row, u - 1 - column),
+        read_part=lambda row, column, rows, columns: read_part(row, u - 1 - column, rows, columns),
         camera=camera,
         truth=truth,
     )

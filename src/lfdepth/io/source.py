@@ -29,6 +29,9 @@ class ViewSource:
         (V, U).
     read_view : callable
         ``read_view(v, u)`` decodes one view, (H, W, C); it may run in several threads at once.
+    read_part : callable, optional
+        ``read_part(v, u, rows, columns)`` reads these slices of a view, where that takes less than all of it;
+        views are then all of one size.
     describe : callable
         ``describe(v, u)`` names a view in error messages, usually its file.
     present : ndarray, shape (V, U), optional
@@ -47,6 +50,7 @@ class ViewSource:
     present: npt.NDArray[np.bool_] | None = None
     default_views: tuple[int, int] | None = None
     close: Callable[[], None] = lambda: None
+    read_part: Callable[[int, int, slice, slice], npt.NDArray[Any]] | None = None
     camera: Camera | None = None
     disparity_range: tuple[float, float] | None = None
     truth: npt.NDArray[np.float32] | None = None
@@ -120,6 +124,9 @@ def _assemble(source: ViewSource, selection: Selection) -> LightField:
         if present is not None and not present[index]:
             return
         at = divmod(int(stored[index]), source.grid[1])
+        if source.read_part is not None:
+            views[index] = scale_view(source.read_part(*at, *window.slices), window.scale)
+            return
         view = source.read_view(*at)
         if view.shape != whole.shape or view.dtype != whole.dtype:
             raise LightFieldError(
@@ -194,8 +201,13 @@ class _Window:
     def camera(self, whole: Camera | None) -> Camera | None:
         return whole and whole.crop(self.x, self.y, self.width, self.height).scaled(self.scale)
 
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """Rows and columns."""
+        return slice(self.y, self.y + self.height), slice(self.x, self.x + self.width)
+
     def _cut(self, whole: npt.NDArray[Any]) -> npt.NDArray[Any]:
-        return whole[self.y : self.y + self.height, self.x : self.x + self.width]
+        return whole[self.slices]
 
 
 def _kind(view: npt.NDArray[Any]) -> str:

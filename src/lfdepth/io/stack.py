@@ -137,8 +137,8 @@ def open_stack(
             "leave the grid out or correct it"
         )
 
-    def read_view(v: int, u: int) -> npt.NDArray[Any]:
-        at = {"N": v * grid[1] + u, "V": v, "U": u}
+    def read_part(v: int, u: int, rows: slice, columns: slice) -> npt.NDArray[Any]:
+        at = {"N": v * grid[1] + u, "V": v, "U": u, "H": rows, "W": columns}
         try:
             view = np.asarray(array[tuple(at.get(axis, slice(None)) for axis in axes)])
         except LightFieldError:  # a ValueError, too
@@ -149,7 +149,8 @@ def open_stack(
 
     return ViewSource(
         grid=grid,
-        read_view=read_view,
+        read_view=lambda v, u: read_part(v, u, slice(None), slice(None)),
+        read_part=read_part,
         describe=lambda v, u: f"{path}: view ({v}, {u})",
         close=close,
         name=path.stem,
