@@ -178,7 +178,7 @@ def test_maps_are_told_from_light_fields(scene: Path, run: Run, ending: str) -> 
     ("words", "message"),
     [
         ("convert nowhere -o x.npz", "nowhere: no such file or folder"),
-        ("convert scene -o x.jpg", "x.jpg: unknown ending .jpg; expected one of .npz"),
+        ("convert scene -o x.jpg", "x.jpg: unknown ending .jpg for a light field; expected one of .npz"),
         ("convert scene -o scene", "scene: is a folder that holds something else"),
         ("convert scene -o x --to mov", "format 'mov': not written; expected one of folder, benchmark"),
         ("convert scene -o x.mat --mesh", "--mesh: the source is a light field; expected a disparity map"),
