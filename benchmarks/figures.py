@@ -99,10 +99,10 @@ def watched(lf: LightField) -> tuple[Result, Watch]:
             watch.median = None
             return super().settle(disparity, workers, passes=passes)
 
-        def _move_edges(self, disparity: Map, workers: Workers) -> Map:
+        def _move_edges(self, disparity: Map, workers: Workers, caution: float = 1.0) -> Map:
             if watch.median is None:
                 watch.median = disparity
-            return super()._move_edges(disparity, workers)
+            return super()._move_edges(disparity, workers, caution)
 
     with patch.object(sweep, "JointEnergy", Energy), patch.object(sweep, "DepthEdges", Edges):
         return lfdepth.estimate(lf, METHOD), watch
@@ -124,7 +124,7 @@ BLOCKS: dict[str, tuple[int, int, int]] = {
     "signs": (205, 216, 229),
     "photo votes": (102, 166, 30),
     "exact visibility": (27, 120, 160),
-    "scanlines": (250, 170, 40),
+    "scanlines, planes": (250, 170, 40),
     "median": (150, 90, 170),
     "depth edges": (214, 40, 40),
 }
@@ -223,9 +223,10 @@ class Slice:
         """The same for exact visibility."""
         count, across, height, width = self.lf.shape[:4]
         with Workers(1) as workers:
-            nearest = nearest_surfaces(result.disparity, (count, across), 0, width, workers)
+            everywhere = np.ones((count, across), np.bool_)
+            nearest = nearest_surfaces(result.disparity, everywhere, 0, width, workers)
         front, horizon = nearest.in_front(self.plane)
-        data = nearest.data.reshape(count, height, across, width)[:, :, across // 2, self.column]
+        data = nearest.data.reshape(count, across, height, width)[:, across // 2, :, self.column]
         at = np.floor(self.rows - self.steps * self.plane + 0.5).astype(np.intp)
         views = np.arange(count)[:, None]
         return np.asarray((data[views, at] > horizon) & (front[self.rows, self.column] == 0))

@@ -1,4 +1,4 @@
-"""The oracle of exact visibility, the joint energy and its paths, depth edges and noise, in plain loops.
+"""The oracle of the default method's own parts, in plain loops: visibility, energies, paths, edges, noise.
 
 It shares no code with `lfdepth.sweep`, only the numbers that have a name there. Disparities are in px per
 view step, maps are (H, W), volumes (K, H, W) front to back, views (V, U, H, W, C).
@@ -7,7 +7,7 @@ view step, maps are (H, W), volumes (K, H, W) front to back, views (V, U, H, W, 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -17,7 +17,18 @@ from numpy.typing import NDArray
 import naive
 import naive_photo
 from lfdepth.methods import Method
-from lfdepth.sweep import edges, edges_kernels, joint_kernels, noise, visibility, visibility_kernels
+from lfdepth.sweep import (
+    edges,
+    edges_kernels,
+    joint,
+    joint_kernels,
+    noise,
+    photo,
+    surface,
+    surface_kernels,
+    visibility,
+    visibility_kernels,
+)
 from lfdepth.sweep.edges import EdgeRule
 from lfdepth.sweep.joint import JointRule
 
@@ -27,11 +38,14 @@ Array = NDArray[Any]
 CONTRAST = (0.03, 0.1)  # of photo-consistency over planes, where its weight rises from 0 to 1
 TEXTURE = (0.55, 0.8)  # the same for local contrast over the residual level
 TEXTURE_SLOPE = 0.2  # px
-RESIDUAL_QUANTILE = 0.25
+RESIDUAL_QUANTILE, NOISE_QUANTILE = 0.25, 0.05
 FEWEST_SEEING = 0.1  # of all views
 INSIDE = 0.25  # of a jump, within which a pixel's disparity is the nearer surface's
 THRESHOLDS = (0.2, 0.003, 0.02)
+HIGHEST_THRESHOLD = 0.1  # that noise can raise the lower bound to
 STEADY = 2  # px around a pixel within which a map that changes fast costs trust
+SPREAD = 2  # of a fitted plane's weights: they fall as exp(−SPREAD · distance² / radius²)
+FEWEST_PLANES_SLOPE = 1.5  # planes within which a neighbour is of one surface, however coarse the step
 
 
 def full_scale(views: Array) -> float:
@@ -42,9 +56,17 @@ def reference(views: Array) -> Array:
     return np.asarray(views[views.shape[0] // 2, views.shape[1] // 2])
 
 
-def thresholds(views: Array) -> Array:
-    """Of photo-consistency, fractions of full scale; in single precision, as differences may equal them."""
-    return np.asarray(naive_photo.local_thresholds(reference(views), *THRESHOLDS), np.float32)
+def thresholds(views: Array, noise_level: float = 0.0) -> Array:
+    """Of photo-consistency, fractions of full scale; in single precision, as differences may equal them.
+
+    Their lower bound rises by as much as noise exceeds twice its usual value.
+    """
+    slope, low, high = THRESHOLDS
+    if noise_level > 2 * low:
+        low = min(noise_level - low, HIGHEST_THRESHOLD)
+    return np.asarray(
+        naive_photo.local_thresholds(reference(views), slope, low, max(low, high)), np.float32
+    )
 
 
 def ramp(values: Array, low: float, high: float) -> Array:
@@ -70,6 +92,27 @@ def bilinear(image: Array, y: float, x: float) -> Array | None:
     upper = (1 - fx) * image[top, left].astype(float) + fx * image[top, right]
     lower = (1 - fx) * image[bottom, left].astype(float) + fx * image[bottom, right]
     return np.asarray((1 - fy) * upper + fy * lower)
+
+
+# Views that vote
+
+
+def thinned(present: Array, sparse: bool) -> Array:
+    """A chessboard of the views, or with `sparse` every other row and column, if enough of them are left."""
+    rows, columns = present.shape
+    chessboard, corners = np.zeros_like(present), np.zeros_like(present)
+    for i, j in np.argwhere(present):
+        down, across = abs(i - rows // 2), abs(j - columns // 2)
+        chessboard[i, j] = (down + across) % 2 == 0
+        corners[i, j] = down % 2 == 0 and across % 2 == 0
+    if sparse and corners.sum() >= photo.FEWEST_VIEWS:
+        return corners
+    return chessboard if chessboard.sum() >= photo.FEWEST_VIEWS else present
+
+
+def voting(views: Array, present: Array | None, sparse: bool = False) -> Array:
+    """The views that vote on colours."""
+    return thinned(np.ones(views.shape[:2], bool) if present is None else present, sparse)
 
 
 # Exact visibility
@@ -144,9 +187,14 @@ def whole(energy: Array) -> Array:
     return np.asarray(np.minimum(energy * joint_kernels.SCALE, 2 * joint_kernels.SCALE), np.int64)
 
 
-def edge_weight(guide: Array, a: tuple[int, int], b: tuple[int, int], sharpness: float) -> float:
-    change = float(np.abs(guide[a].astype(float) - guide[b]).sum())
-    return float(np.exp(-sharpness * change))
+def colour_change(guide: Array, a: tuple[int, int], b: tuple[int, int]) -> float:
+    return float(np.abs(guide[a].astype(float) - guide[b]).sum())
+
+
+def edge_weight(
+    guide: Array, a: tuple[int, int], b: tuple[int, int], sharpness: float, noise: float
+) -> float:
+    return float(np.exp(-sharpness * max(colour_change(guide, a, b) - noise, 0)))
 
 
 def walk(energies: list[Array], penalties: list[tuple[int, int]]) -> list[Array]:
@@ -166,7 +214,9 @@ def walk(energies: list[Array], penalties: list[tuple[int, int]]) -> list[Array]
     return costs
 
 
-def four_paths(energy: Array, guide: Array, slope: float, jump: float, sharpness: float) -> Array:
+def four_paths(
+    energy: Array, guide: Array, slope: float, jump: float, sharpness: float, noise: float = 0.0
+) -> Array:
     """Semi-global matching (Hirschmüller 2008): whole costs (H, W, K), summed over paths from four sides."""
     height, width = energy.shape[:2]
     total = np.zeros(energy.shape, np.int64)
@@ -174,7 +224,8 @@ def four_paths(energy: Array, guide: Array, slope: float, jump: float, sharpness
     columns = [[(y, x) for y in range(height)] for x in range(width)]
     for line in rows + columns:
         for path in (line, line[::-1]):
-            weights = [edge_weight(guide, a, b, sharpness) for a, b in zip(path[1:], path[:-1], strict=True)]
+            steps = zip(path[1:], path[:-1], strict=True)
+            weights = [edge_weight(guide, a, b, sharpness, noise) for a, b in steps]
             costs = walk([energy[p] for p in path], [(int(slope * w), int(jump * w)) for w in weights])
             for p, cost in zip(path, costs, strict=True):
                 total[p] += cost
@@ -194,6 +245,101 @@ def parabola(total: Array) -> Array:
     return position
 
 
+# Islands at the ends of the range
+
+
+def beside(p: tuple[int, int], size: tuple[int, ...]) -> list[tuple[int, int]]:
+    """The pixels above, below, left and right of a pixel."""
+    y, x = p
+    around = [(y - 1, x), (y + 1, x), (y, x - 1), (y, x + 1)]
+    return [(a, b) for a, b in around if 0 <= a < size[0] and 0 <= b < size[1]]
+
+
+def alike(position: Array, p: tuple[int, int], q: tuple[int, int]) -> bool:
+    return abs(float(position[p]) - float(position[q])) <= float(joint_kernels._ALIKE)
+
+
+def fill_islands(position: Array, planes: int, largest: int) -> Array:
+    """Give islands at the first or last plane, one by one and row by row, the median of their shore."""
+    out, filled = position.copy(), set[tuple[int, int]]()
+    for start in np.ndindex(*position.shape):
+        if start in filled or 0 < out[start] < planes - 1:
+            continue
+        island = [start]
+        for p in island:  # which grows
+            for q in beside(p, out.shape):
+                if q not in island and q not in filled and alike(out, p, q):
+                    island.append(q)
+        if len(island) > largest:
+            continue
+        shore = [out[q] for p in island for q in beside(p, out.shape) if not alike(out, p, q)]
+        filled.update(island)
+        for p in island:
+            out[p] = np.median(shore) if shore else out[p]
+    return out
+
+
+# Planes fitted to the pixels' own energies
+
+
+def own_minimum(energy: Array, position: float, prior: float) -> tuple[float, float]:
+    """Place and sharpness of the minimum of energies (K,) beside a position, which draws it to itself."""
+    near = min(max(int(np.floor(position + 0.5)), 0), len(energy) - 1)
+    if near in (0, len(energy) - 1):
+        return position, prior
+    # The parabola a·(k − near)² + b·(k − near) + c through the three energies.
+    a = (energy[near - 1] - 2 * energy[near] + energy[near + 1]) / 2
+    b = (energy[near + 1] - energy[near - 1]) / 2
+    if a <= float(surface_kernels._FLAT):
+        return position, prior
+    reach = float(surface_kernels._REACH)
+    vertex = near + np.clip(-b / (2 * a), -reach, reach)
+    return float((a * vertex + prior * position) / (a + prior)), float(a + prior)
+
+
+def likeness(change: float) -> float:
+    """About exp(−sharpness · change)."""
+    return float(max(1 - surface._SHARPNESS / 8 * change, 0) ** 8)
+
+
+def fit_plane(
+    position: Array,
+    target: Array,
+    strength: Array,
+    guide: Array,
+    step: float,
+    radius: int,
+    p: tuple[int, int],
+) -> float:
+    """Height at pixel p of the plane through the targets around it, by weighted least squares."""
+    gate = max(surface._GATE / step, FEWEST_PLANES_SLOPE)
+    ridge = surface._RIDGE * step**2 * surface.SPACING**2
+    taps = range(-radius, radius + 1, surface.SPACING)
+    moments, moved = np.diag([0.0, ridge, ridge]), np.zeros(3)
+    for dy, dx in product(taps, taps):
+        q = (p[0] + dy, p[1] + dx)
+        inside = 0 <= q[0] < position.shape[0] and 0 <= q[1] < position.shape[1]
+        if not inside or abs(float(position[q]) - float(position[p])) > gate:
+            continue
+        weight = float(strength[q]) * likeness(colour_change(guide, p, q))
+        weight *= np.exp(-SPREAD * (dy**2 + dx**2) / radius**2)
+        tap = np.array([1.0, dx, dy])
+        moments += weight * np.outer(tap, tap)
+        moved += weight * tap * (float(target[q]) - float(position[p]))
+    return float(position[p] + np.linalg.solve(moments, moved)[0])
+
+
+def fit_surfaces(position: Array, energy: Array, guide: Array, step: float, radius: int) -> Array:
+    """Places between planes; energies are (H, W, K)."""
+    prior = surface._PRIOR * step**2
+    target, strength, out = (np.empty(position.shape) for _ in "123")
+    for p in np.ndindex(*position.shape):
+        target[p], strength[p] = own_minimum(energy[p], float(position[p]), prior)
+    for p in np.ndindex(*position.shape):
+        out[p] = fit_plane(position, target, strength, guide, step, radius, (p[0], p[1]))
+    return out
+
+
 @dataclass(frozen=True)
 class Decoded:
     disparity: Array
@@ -201,18 +347,32 @@ class Decoded:
 
 
 def decode(
-    plane: Array, smoothed: Array, share: Array, texture: Array, guide: Array, rule: JointRule, stride: int
+    plane: Array,
+    smoothed: Array,
+    share: Array,
+    views: Array,
+    level: float,
+    guide: Array,
+    rule: JointRule,
+    stride: int,
 ) -> Decoded:
-    """The joint decoder on every `stride`-th plane; `smoothed` and `share` are (K, H, W)."""
+    """The joint decoder on every `stride`-th plane; `smoothed` and `share` are (K, H, W).
+
+    `level` is the views' residual level.
+    """
     step = float(plane[0] - plane[1])
     share = np.rint(np.clip(share[::stride], 0, 1) * 255) / 255
     contrast = share.max(axis=0) - share.mean(axis=0)
-    weight = rule.photo_weight * ramp(contrast, *CONTRAST) * texture
-    energy = whole(joint_energy(sign_energy(smoothed, step)[::stride], share, weight))
+    weight = rule.photo_weight * ramp(contrast, *CONTRAST) * texture_weight(views, level)
+    energy = joint_energy(sign_energy(smoothed, step)[::stride], share, weight)
     slope, jump = rule.slope_penalty * stride * joint_kernels.SCALE, rule.jump_penalty * joint_kernels.SCALE
-    total = four_paths(energy, guide, slope, jump, rule.edge_sharpness)
+    dead_zone = level * guide.shape[2]
+    total = four_paths(whole(energy), guide, slope, jump, rule.edge_sharpness, dead_zone)
+    position = fill_islands(parabola(total), len(share), joint._LARGEST_ISLAND)
+    if stride == 1 and rule.fit_radius > 0:
+        position = fit_surfaces(position, energy, guide, step, rule.fit_radius)
     return Decoded(
-        plane[0] - step * stride * parabola(total),
+        plane[0] - step * stride * position,
         np.sqrt(naive.confidence(smoothed) * np.clip(contrast, 0, 1)),
     )
 
@@ -310,11 +470,13 @@ def decide_edge(
 
 
 def edge_pixels(disparity: Array, rule: EdgeRule) -> Array:
-    """Pixels beside a depth edge (H, W)."""
+    """Pixels beside a depth edge (H, W): a jump, which does not go on changing two pixels away."""
     found = np.zeros(disparity.shape, bool)
     for y, x in product(range(1, disparity.shape[0] - 1), range(1, disparity.shape[1] - 1)):
         near, far = surfaces(disparity, y, x)
-        found[y, x] = near - far >= rule.jump
+        wide = disparity[max(y - 2, 0) : y + 3, max(x - 2, 0) : x + 3]
+        share = float(edges_kernels._JUMP_SHARE) * (float(wide.max()) - float(wide.min()))
+        found[y, x] = near - far >= max(rule.jump, share)
     return found
 
 
@@ -335,9 +497,10 @@ def settle(
     guide = reference(views) / full_scale(views)
     settled, _ = naive_photo.weighted_median(disparity, guide, *edges._MEDIAN)
     found = np.zeros(disparity.shape, bool)
-    for _ in range(rule.passes):
+    for count in range(rule.passes):
+        late = edges._LATE if count >= edges._SURE_PASSES else 1
         found |= edge_pixels(settled, rule)
-        settled = move_edges(settled, views, rule, present)
+        settled = move_edges(settled, views, replace(rule, inertia=late * rule.inertia), present)
     return settled, found
 
 
@@ -367,15 +530,16 @@ def residuals(views: Array, plane: Array, places: list[tuple[int, int]], present
     return np.array(out) / full_scale(views)
 
 
-def residual_level(views: Array, plane: Array, present: Array | None = None) -> float:
-    """A low quantile of the residuals on a regular grid of about so many pixels, every other plane."""
+def residual(views: Array, plane: Array, present: Array | None = None) -> noise.Residual:
+    """Low quantiles of the residuals on a regular grid of about so many pixels, every other plane."""
     height, width = views.shape[2:4]
     spacing = max(int(np.sqrt(height * width / noise._SAMPLES)), 1)
     places = list(
         product(range(spacing // 2, height, spacing), range(spacing // 2, width, spacing)),
     )
     found = residuals(views, plane[::2], places, present)
-    return float(np.quantile(found[np.isfinite(found)], RESIDUAL_QUANTILE))
+    level, least = np.quantile(found[np.isfinite(found)], [RESIDUAL_QUANTILE, NOISE_QUANTILE])
+    return noise.Residual(float(level), float(least))
 
 
 def texture_weight(views: Array, level: float) -> Array:
@@ -391,7 +555,7 @@ def texture_weight(views: Array, level: float) -> Array:
 def estimate(
     views: Array, disparity_range: tuple[float, float], method: Method, present: Array | None = None
 ) -> Decoded:
-    """The whole method "fbs-vis"."""
+    """The whole method "fbs-vis", but for gloss."""
     assert method.step is not None
     plane = naive.planes(disparity_range, method.step)
     guide = naive.guide_image(views, method.guide)
@@ -411,14 +575,18 @@ def estimate(
         photo_weight=method.photo_weight,
         slope_penalty=method.slope_penalty,
         jump_penalty=method.jump_penalty,
+        fit_radius=method.fit_radius,
     )
     edge_rule = EdgeRule(passes=method.edge_passes)
-    texture = texture_weight(views, residual_level(views, plane, present))
-    limits = thresholds(views)
-    share = np.stack([smooth(naive_photo.photo_consistency(views, d, limits, present)) for d in plane])
-    first = decode(plane, smoothed, share, texture, guide, rule, stride=2 if len(plane) >= 6 else 1)
+    smooth = naive.GuidedFilter(guide, method.photo_radius, method.epsilon)
+    level, noise_level = residual(views, plane, present)
+    limits = thresholds(views, noise_level)
+    stride = 2 if len(plane) >= 6 else 1
+    some, more = voting(views, present, stride > 1), voting(views, present)
+    share = np.stack([smooth(naive_photo.photo_consistency(views, d, limits, some)) for d in plane])
+    first = decode(plane, smoothed, share, views, level, guide, rule, stride)
     rough, _ = settle(first.disparity, views, EdgeRule(passes=min(method.edge_passes, 1)), present)
-    share = np.stack([smooth(visible_share(views, d, limits, rough, present)) for d in plane])
-    second = decode(plane, smoothed, share, texture, guide, rule, stride=1)
+    share = np.stack([smooth(visible_share(views, d, limits, rough, more)) for d in plane])
+    second = decode(plane, smoothed, share, views, level, guide, rule, stride=1)
     settled, found = settle(second.disparity, views, edge_rule, present)
     return Decoded(np.clip(settled, *disparity_range), trust(settled, found) * second.confidence)

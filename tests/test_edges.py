@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -12,7 +13,7 @@ import naive_vis
 from lfdepth.lightfield import LightField
 from lfdepth.sweep import edges
 from lfdepth.sweep.edges import DepthEdges, EdgeRule
-from lfdepth.sweep.edges_kernels import sample
+from lfdepth.sweep.edges_kernels import _JUMP_SHARE, sample
 from lfdepth.sweep.median import weighted_median
 from lfdepth.sweep.parallel import Workers
 
@@ -40,6 +41,14 @@ def rough_map(rng: np.random.Generator, size: tuple[int, int]) -> Array:
     near = (abs(x + wrong - 0.45 * width) < 0.2 * width) & (abs(y - wrong - 0.5 * height) < 0.25 * height)
     disparity = np.where(near, 0.8, -0.6) + rng.uniform(-0.05, 0.05, size)
     return np.asarray(np.rint(disparity * 64) / 64, np.float32)
+
+
+def jumps(disparity: Array, rule: EdgeRule | None = None, threads: int = 1) -> Array:
+    """Where one pass finds depth edges; the views say nothing."""
+    edges_of = DepthEdges(LightField(np.full((3, 3, *disparity.shape, 1), 99, np.uint8)), rule or EdgeRule())
+    with Workers(threads) as workers:
+        edges_of._move_edges(disparity.astype(np.float32), workers)
+    return edges_of._found
 
 
 # Against the oracle
@@ -75,7 +84,27 @@ def test_one_pass_agrees_with_the_oracle(grid: tuple[int, int], channels: int, d
     assert changed > 0 or dtype != "uint16"
 
 
-@pytest.mark.parametrize("passes", [0, 1, 3])
+@pytest.mark.parametrize("size", [(3, 3), (4, 9), (15, 33), (30, 31)])
+def test_edges_are_where_the_oracle_finds_them(size: tuple[int, int]) -> None:
+    """Two slanted surfaces of all slopes, with steps of all heights between them; in sixty-fourths, exact."""
+    rng = np.random.default_rng(size)
+    shares = []
+    for slope in (0.02, 0.1, 0.3):
+        y, x = np.mgrid[: size[0], : size[1]]
+        tilts, near = rng.uniform(-slope, slope, (2, 2)), fields.random_mask(rng, size)
+        disparity = np.where(near, rng.uniform(0, 0.5), 0) + rng.uniform(-0.02, 0.02, size)
+        for i, side in enumerate((near, ~near)):
+            disparity += side * (tilts[i, 0] * x + tilts[i, 1] * y)
+        disparity = np.asarray(np.rint(disparity * 64) / 64, np.float32)
+        for rule in (EdgeRule(), EdgeRule(jump=0.047)):
+            found = jumps(disparity, rule)
+            np.testing.assert_array_equal(found, naive_vis.edge_pixels(disparity, rule))
+            np.testing.assert_array_equal(jumps(disparity, rule, threads=3), found)
+            shares.append(found.mean())
+    assert max(size) < 15 or 0 < np.mean(shares) < 0.9
+
+
+@pytest.mark.parametrize("passes", [0, 1, 3, 5])
 def test_settled_maps_agree_with_the_oracle(passes: int) -> None:
     rng = np.random.default_rng(passes)
     lf = fields.light_field(rng, (5, 5), (16, 22), 3)
@@ -167,6 +196,66 @@ def test_jumps_below_the_least_are_no_edges() -> None:
     disparity = edge_map(fat=1)
     np.testing.assert_array_equal(moved(lf, disparity, EdgeRule(jump=1.01)), disparity)
     assert (moved(lf, disparity, EdgeRule(jump=0.99)) != disparity).any()
+
+
+@pytest.mark.parametrize("slope", [0.08, 0.2, 1.0])
+@pytest.mark.parametrize("direction", [(1, 0), (0, 1), (1, 1), (-1, 0.5)])
+def test_a_steep_slope_is_no_edge(slope: float, direction: tuple[float, float]) -> None:
+    """It changes half as far within 3 × 3 pixels as within 5 × 5, however steep it is."""
+    y, x = np.mgrid[:14, :18]
+    disparity = slope * (direction[0] * x + direction[1] * y)
+    assert naive_vis.surfaces(disparity, 7, 8)[0] - naive_vis.surfaces(disparity, 7, 8)[1] > EdgeRule().jump
+    assert not jumps(disparity).any()
+
+
+@pytest.mark.parametrize("jump", [0.16, 0.4, 1.5])
+def test_a_step_is_an_edge_on_either_side(jump: float) -> None:
+    across = np.broadcast_to(np.where(np.arange(18) < 8, jump, 0.0), (14, 18))
+    expected = np.zeros((14, 18), bool)
+    expected[1:-1, 7:9] = True
+    np.testing.assert_array_equal(jumps(across), expected)
+    np.testing.assert_array_equal(jumps(across.T), expected.T)
+    assert not jumps(np.broadcast_to(np.where(np.arange(18) < 8, 0.14, 0.0), (14, 18))).any()
+
+
+@pytest.mark.parametrize("slope", [0.03, 0.05, 0.1])
+def test_a_step_between_slanted_surfaces_is_an_edge_from_where_worked_out(slope: float) -> None:
+    """Slope g and a step s: 2g + s within 3 pixels, 4g + s within 5, so s ≥ (4·0.7 − 2)/(1 − 0.7)·g."""
+    share = float(_JUMP_SHARE)
+    turn = (4 * share - 2) / (1 - share)
+    x = np.arange(20)
+    for times, is_edge in ((0.9 * turn, False), (1.1 * turn, True), (8.0, True)):
+        line = slope * x + times * slope * (x >= 10)
+        disparity = np.broadcast_to(line, (12, 20))
+        expected = np.zeros((12, 20), bool)
+        expected[1:-1, 9:11] = is_edge
+        np.testing.assert_array_equal(jumps(disparity, EdgeRule(jump=0.05)), expected)
+        np.testing.assert_array_equal(jumps(-disparity.T, EdgeRule(jump=0.05)), expected.T)
+
+
+def test_late_passes_are_surer() -> None:
+    """The third and later ones, by a factor."""
+    rng = np.random.default_rng(9)
+    lf = fields.light_field(rng, (5, 5), (40, 47), 3)
+    disparity, rule = rough_map(rng, (40, 47)), EdgeRule(inertia=1.0)
+    once = settled(lf, disparity, replace(rule, passes=1))
+    second = moved(lf, once, rule)
+    np.testing.assert_array_equal(settled(lf, disparity, replace(rule, passes=2)), second)
+    third = moved(lf, second, replace(rule, inertia=edges._LATE))
+    np.testing.assert_array_equal(settled(lf, disparity, replace(rule, passes=3)), third)
+    assert (third != moved(lf, second, rule)).any()
+    assert (third != second).sum() < (second != once).sum()
+
+
+def test_fewer_passes_replace_the_rules() -> None:
+    rng = np.random.default_rng(10)
+    lf = fields.light_field(rng, (3, 3), (20, 25), 3)
+    disparity = rough_map(rng, (20, 25))
+    for passes in (0, 1, 2, 7):
+        expected = settled(lf, disparity, EdgeRule(passes=min(passes, 3)))
+        with Workers(1) as workers:
+            found = DepthEdges(lf, EdgeRule(passes=3)).settle(disparity, workers, passes=passes)
+        np.testing.assert_array_equal(found, expected)
 
 
 def test_too_few_views_decide_nothing() -> None:

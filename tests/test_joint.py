@@ -19,6 +19,7 @@ from lfdepth.sweep.joint_kernels import (
     SCALE,
     decode_kernel,
     energy_kernel,
+    fill_islands_kernel,
     horizontal_kernel,
     store_photo_kernel,
     store_signs_kernel,
@@ -48,11 +49,17 @@ def random_energy(rng: np.random.Generator, shape: tuple[int, int, int]) -> Arra
 
 
 def path_total(
-    energy: Array, guide: Array, slope: float, jump: float, sharpness: float, threads: int = 1
+    energy: Array,
+    guide: Array,
+    slope: float,
+    jump: float,
+    sharpness: float,
+    threads: int = 1,
+    noise: float = 0.0,
 ) -> Array:
     """Costs over paths from four sides."""
     total = np.zeros_like(energy)
-    penalties = (np.float32(slope), np.float32(jump), np.float32(sharpness))
+    penalties = (np.float32(slope), np.float32(jump), np.float32(sharpness), np.float32(noise))
     with Workers(threads) as workers:
         workers.rows(energy.shape[0], horizontal_kernel, energy, total, guide, *penalties)
         workers.rows(energy.shape[1], vertical_kernel, energy, total, guide, *penalties)
@@ -116,9 +123,10 @@ def test_paths_agree_with_the_oracle(
     """Whole numbers: no cost may differ."""
     rng = np.random.default_rng([*shape, int(slope), channels])
     energy, guide = random_energy(rng, shape), level_guide(rng, shape[:2], channels)
-    for sharpness in (0.0, 2.1, 40.0):
-        expected = naive_vis.four_paths(energy, guide, slope, jump, sharpness)
-        np.testing.assert_array_equal(path_total(energy, guide, slope, jump, sharpness), expected)
+    for sharpness, noise in ((0.0, 0.0), (2.1, 0.0), (40.0, 0.0), (2.1, 1 / 64), (7.3, 5 / 128)):
+        expected = naive_vis.four_paths(energy, guide, slope, jump, sharpness, noise)
+        found = path_total(energy, guide, slope, jump, sharpness, noise=noise)
+        np.testing.assert_array_equal(found, expected)
 
 
 def test_four_paths_of_the_dearest_energies_fit_16_bits() -> None:
@@ -152,9 +160,9 @@ def test_a_parabola_is_found_where_it_is() -> None:
 def test_threads_change_no_path() -> None:
     rng = np.random.default_rng(4)
     energy, guide = random_energy(rng, (31, 37, 6)), level_guide(rng, (31, 37), 3)
-    one = path_total(energy, guide, 240.0, 2000.0, 20.0)
+    one = path_total(energy, guide, 240.0, 2000.0, 20.0, noise=0.01)
     for threads in (2, 3, 5):
-        many = path_total(energy, guide, 240.0, 2000.0, 20.0, threads)
+        many = path_total(energy, guide, 240.0, 2000.0, 20.0, threads, noise=0.01)
         np.testing.assert_array_equal(many, one)
         np.testing.assert_array_equal(positions(many, threads), positions(one))
 
@@ -187,6 +195,108 @@ def test_paths_do_not_cross_an_edge_of_the_reference_view() -> None:
     np.testing.assert_array_equal(torn[:, 6:], 0)
 
 
+def test_colour_differences_below_the_noise_change_no_path() -> None:
+    """Truth: as though the guide were even. Beyond the noise only the excess counts."""
+    rng = np.random.default_rng(8)
+    energy = random_energy(rng, (9, 12, 6))
+    even = np.full((9, 12, 3), 0.5, np.float32)
+    grainy = even + rng.choice([-1, 1], even.shape).astype(np.float32) / 256  # differences of 0 to 6 / 256
+    flat = path_total(energy, even, 240.0, 1500.0, 20.0)
+    for noise in (6 / 256, 0.1):
+        np.testing.assert_array_equal(path_total(energy, grainy, 240.0, 1500.0, 20.0, noise=noise), flat)
+    assert (path_total(energy, grainy, 240.0, 1500.0, 20.0, noise=3 / 256) != flat).any()
+
+
+def test_only_what_exceeds_the_noise_weakens_a_path() -> None:
+    """A step of 24 / 256 with a noise of 8 / 256 is as one of 16 / 256 without."""
+    energy = random_energy(np.random.default_rng(9), (5, 14, 6))
+    step = np.zeros((5, 14, 1), np.float32)
+    step[:, 7:] = 1
+    found = path_total(energy, step * np.float32(24 / 256), 240.0, 1500.0, 20.0, noise=8 / 256)
+    expected = path_total(energy, step * np.float32(16 / 256), 240.0, 1500.0, 20.0)
+    np.testing.assert_array_equal(found, expected)
+
+
+# Islands at the ends of the range
+
+PLANES = 12
+
+
+def filled(position: Array, largest: int = 2) -> Array:
+    out = np.array(position, np.float32, order="C")
+    fill_islands_kernel(out, PLANES, largest)
+    return out
+
+
+@pytest.mark.parametrize("largest", [1, 2, 5])
+@pytest.mark.parametrize("size", [(9, 11), (1, 14), (13, 1), (1, 1), (20, 33)])
+def test_islands_agree_with_the_oracle(size: tuple[int, int], largest: int) -> None:
+    """Ends of the range in single pixels, lines and patches, and slopes that lead up to them."""
+    rng = np.random.default_rng([*size, largest])
+    for ends in (0.1, 0.3, 0.7):
+        position = rng.uniform(0, PLANES - 1, size)
+        position = np.where(rng.random(size) < ends, rng.choice([0, PLANES - 1], size), position)
+        position = position.astype(np.float32)
+        expected = naive_vis.fill_islands(position, PLANES, largest)
+        np.testing.assert_allclose(filled(position, largest), expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("end", [0, PLANES - 1])
+@pytest.mark.parametrize("size", [(1, 1), (1, 2), (2, 1)])
+def test_a_small_island_takes_what_lies_around_it(size: tuple[int, int], end: int) -> None:
+    truth = np.full((8, 9), 5.5, np.float32)
+    for y, x in ((0, 0), (3, 4), (8 - size[0], 9 - size[1])):
+        position = truth.copy()
+        position[y : y + size[0], x : x + size[1]] = end
+        np.testing.assert_array_equal(filled(position), truth)
+
+
+@pytest.mark.parametrize("end", [0, PLANES - 1])
+@pytest.mark.parametrize(
+    "size", [(1, 3), (3, 1), (1, 4), (1, 5), (6, 1), (7, 1), (2, 2), (2, 5), (5, 5), (6, 7)]
+)
+def test_a_larger_region_at_an_end_is_left(size: tuple[int, int], end: int) -> None:
+    """Lines too, however thin."""
+    position = np.full((9, 10), 5.5, np.float32)
+    position[1 : 1 + size[0], 2 : 2 + size[1]] = end
+    np.testing.assert_array_equal(filled(position), position)
+
+
+def test_a_ragged_region_at_an_end_is_left() -> None:
+    """Two bays that meet only at the bottom: whichever pixel one starts from, there is one region."""
+    rows = ["#.#.#.#", "#.#.#.#", "#######", ".#...#.", ".#####."]
+    land = np.array([[c == "#" for c in row] for row in rows])
+    for turned in (land, land[::-1], land[:, ::-1], land.T, land[::-1].T):
+        position = np.where(turned, 0, 6.25).astype(np.float32)
+        np.testing.assert_array_equal(filled(position), position)
+
+
+def test_islands_away_from_the_ends_are_left() -> None:
+    position = np.full((6, 7), 8.0, np.float32)
+    position[2, 3], position[4, 5] = 0.25, PLANES - 1.25
+    np.testing.assert_array_equal(filled(position), position)
+
+
+def test_the_end_of_a_slope_is_left() -> None:
+    """Neighbours within two planes are of one surface, so this is none of its islands."""
+    position = np.broadcast_to(np.minimum(1.75 * np.arange(7), PLANES - 1), (5, 7)).astype(np.float32)
+    assert np.all(position[:, [0, -2]] == [0, 8.75])
+    np.testing.assert_array_equal(filled(position), position)
+    steeper = np.broadcast_to([0, 2.25, 4, 6, 8], (1, 5)).astype(np.float32)
+    np.testing.assert_array_equal(filled(steeper), [[2.25, 2.25, 4, 6, 8]])
+
+
+def test_the_shore_is_where_the_median_is_taken() -> None:
+    """Corners do not touch; of an even number the middle two count half each."""
+    position = np.array([[9, 3, 9], [5, 0, 6], [9, 8, 9]], np.float32)
+    assert filled(position)[1, 1] == 5.5
+
+
+def test_a_map_that_is_one_island_is_left() -> None:
+    for size in ((1, 1), (1, 2)):
+        np.testing.assert_array_equal(filled(np.zeros(size)), 0)
+
+
 # The decoder
 
 
@@ -207,7 +317,13 @@ def collect(
 @pytest.mark.parametrize("dtype", fields.DTYPES)
 @pytest.mark.parametrize(
     ("grid", "channels", "size", "planes"),
-    [((3, 4), 3, (14, 33), 9), ((1, 5), 1, (20, 13), 6), ((5, 5), 3, (11, 12), 3), ((4, 3), 1, (9, 31), 5)],
+    [
+        ((3, 4), 3, (8, 33), 9),
+        ((1, 5), 1, (17, 9), 6),
+        ((5, 5), 3, (9, 10), 3),
+        ((4, 3), 1, (6, 31), 5),
+        ((9, 9), 1, (7, 8), 6),  # enough views to thin them
+    ],
 )
 def test_decoders_agree_with_the_oracle(
     grid: tuple[int, int], channels: int, size: tuple[int, int], planes: int, dtype: str, stride: int
@@ -222,29 +338,31 @@ def test_decoders_agree_with_the_oracle(
     profiles = np.sign(surface - plane[:, None, None]) + rng.normal(0, 0.5, (planes, *size))
     volume = np.clip(profiles, -1, 1).astype(np.float32)
     guide = naive.guide_image(lf.views, "colour")
-    rule = JointRule()
+    rule = JointRule(fit_radius=4)
     decoder = collect(lf, plane, volume, rule, stride, guide)
     smooth = naive.GuidedFilter(guide, 2, 1e-3)
-    limits = naive_vis.thresholds(lf.views)
-    shares = np.stack([smooth(naive_photo.photo_consistency(lf.views, d, limits, present)) for d in plane])
-    texture = naive_vis.texture_weight(lf.views, naive_vis.residual_level(lf.views, plane, present))
+    level, noise = naive_vis.residual(lf.views, plane, present)
+    limits = naive_vis.thresholds(lf.views, noise)
     used = stride if planes >= 3 * stride else 1
     assert decoder.stride == used
-    expected = naive_vis.decode(plane, volume, shares, texture, guide, rule, used)
+    some = naive_vis.voting(lf.views, present, used > 1)
+    shares = np.stack([smooth(naive_photo.photo_consistency(lf.views, d, limits, some)) for d in plane])
+    expected = naive_vis.decode(plane, volume, shares, lf.views, level, guide, rule, used)
     rough = surface.astype(np.float32)
     with Workers(1) as workers:
         compare(decoder.decide(workers), expected, float(plane[0] - plane[1]) * used)
         assert list(decoder.recount(rough, workers)) == list(range(planes))
         again = decoder.decide(workers)
-    shares = np.stack([smooth(naive_vis.visible_share(lf.views, d, limits, rough, present)) for d in plane])
-    expected = naive_vis.decode(plane, volume, shares, texture, guide, rule, 1)
+    more = naive_vis.voting(lf.views, present)
+    shares = np.stack([smooth(naive_vis.visible_share(lf.views, d, limits, rough, more)) for d in plane])
+    expected = naive_vis.decode(plane, volume, shares, lf.views, level, guide, rule, 1)
     compare(again, expected, float(plane[0] - plane[1]))
 
 
 def compare(found: tuple[Array, Array], expected: naive_vis.Decoded, step: float) -> None:
     disparity, confidence = found
     apart = np.abs(disparity - expected.disparity)
-    assert np.mean(apart > 0.02 * step) < 0.02
+    assert np.sum(apart > 0.02 * step) <= max(2, 0.02 * apart.size)
     np.testing.assert_allclose(confidence, expected.confidence, atol=5e-3)
 
 
@@ -256,7 +374,7 @@ def test_the_decoder_weighs_what_the_rule_says() -> None:
     surface = rng.uniform(-0.5, 0.7, (20, 24))
     profiles: Array = np.clip((surface - plane[:, None, None]) / 0.3, -1, 1)
     volume = profiles.astype(np.float32)
-    rule = JointRule(photo_weight=0.0, slope_penalty=0.0, jump_penalty=0.0)
+    rule = JointRule(photo_weight=0.0, slope_penalty=0.0, jump_penalty=0.0, fit_radius=0)
     decoder = collect(lf, plane, volume, rule, 1, naive.guide_image(lf.views, "colour"))
     with Workers(1) as workers:
         disparity, _ = decoder.decide(workers)
@@ -279,7 +397,7 @@ def scene(seed: int = 1, **options: Any) -> LightField:
 
 
 def test_the_running_sums_parabola_decides_when_nothing_else_weighs() -> None:
-    weightless = plain(photo_weight=0, slope_penalty=0, jump_penalty=0, step=0.1)
+    weightless = plain(photo_weight=0, slope_penalty=0, jump_penalty=0, fit_radius=0, step=0.1)
     result = estimate(scene(), weightless, keep_volume=True)
     assert result.volumes is not None
     total = np.moveaxis(naive_vis.sign_energy(result.volumes.smoothed, 0.1), 0, -1)
@@ -315,7 +433,7 @@ def test_a_slope_dearer_than_a_jump_is_never_paid(times: int) -> None:
 
 def test_the_rules_defaults_are_the_methods() -> None:
     chosen, rule = method("fbs-vis"), joint.JointRule()
-    for name in ("photo_weight", "slope_penalty", "jump_penalty"):
+    for name in ("photo_weight", "slope_penalty", "jump_penalty", "fit_radius"):
         assert getattr(chosen, name) == getattr(rule, name), name
 
 

@@ -11,12 +11,17 @@ import fields
 import naive_vis
 from lfdepth.lightfield import LightField
 from lfdepth.sweep import noise
-from lfdepth.sweep.noise import ramp, residual_level, texture_weight
+from lfdepth.sweep.noise import ramp, residual, texture_weight, threshold_bounds
 from lfdepth.sweep.noise_kernels import residual_kernel
 
 Array = fields.Array
 
 PLANES = np.arange(1.2, -1.1, -0.13)
+
+
+def weights(lf: LightField) -> Array:
+    """The weight of texture over the light field's own noise."""
+    return texture_weight(lf, residual(lf, PLANES).level)
 
 
 def test_the_ramp() -> None:
@@ -33,10 +38,10 @@ def test_the_level_agrees_with_the_oracle(grid: tuple[int, int], channels: int, 
     present = fields.random_present(rng, grid) if dtype == "uint8" else None
     size = (int(rng.integers(6, 14)), int(rng.integers(8, 34)))
     lf = fields.light_field(rng, grid, size, channels, dtype, present=present)
-    expected = naive_vis.residual_level(lf.views, PLANES, present)
-    assert residual_level(lf, PLANES) == pytest.approx(expected, rel=1e-4)
+    expected, noise = naive_vis.residual(lf.views, PLANES, present)
+    assert residual(lf, PLANES) == pytest.approx((expected, noise), rel=1e-4)
     weight = naive_vis.texture_weight(lf.views, expected)
-    np.testing.assert_allclose(texture_weight(lf, PLANES), weight, atol=1e-3)
+    np.testing.assert_allclose(texture_weight(lf, expected), weight, atol=1e-3)
 
 
 def test_residuals_agree_with_the_oracle_pixel_by_pixel() -> None:
@@ -55,8 +60,8 @@ def test_fewer_pixels_are_looked_at_on_large_views() -> None:
     """A level from every third pixel is about that from all."""
     rng = np.random.default_rng(2)
     lf = fields.light_field(rng, (3, 3), (60, 66), 1)
-    every = residual_level(lf, PLANES, samples=60 * 66)
-    some = residual_level(lf, PLANES, samples=60 * 66 // 9)
+    every = residual(lf, PLANES, samples=60 * 66).level
+    some = residual(lf, PLANES, samples=60 * 66 // 9).level
     assert some == pytest.approx(every, rel=0.5)
     places = [(y, x) for y in range(1, 60, 3) for x in range(1, 66, 3)]
     found = naive_vis.residuals(lf.views, PLANES[::2], places, None)
@@ -72,15 +77,27 @@ def test_the_level_is_that_of_the_noise(sigma: float) -> None:
     """
     rng = np.random.default_rng(3)
     views = np.rint(128 + rng.normal(0, sigma, (9, 9, 40, 40, 3))).astype(np.uint8)
-    level = 255 * residual_level(LightField(views), PLANES)
+    level = 255 * residual(LightField(views), PLANES).level
     assert np.sqrt(2 / np.pi) * sigma / 2 < level < 2 * sigma / np.sqrt(np.pi)
+
+
+@pytest.mark.parametrize(
+    ("noise", "bounds"),
+    [(0.0, (0.003, 0.02)), (0.006, (0.003, 0.02)), (0.012, (0.009, 0.02)), (0.05, (0.047, 0.047))],
+)
+def test_thresholds_rise_by_what_noise_exceeds(noise: float, bounds: tuple[float, float]) -> None:
+    assert threshold_bounds(noise) == pytest.approx(bounds)
+
+
+def test_thresholds_of_the_noisiest_views_stay_thresholds() -> None:
+    assert threshold_bounds(0.8) == pytest.approx((0.1, 0.1))
 
 
 def test_an_exact_scene_has_no_residual() -> None:
     paint = fields.texture(np.random.default_rng(4), shortest=25.0, longest=60.0)
     views = fields.plane_views(paint, 0.4, (5, 5), (30, 34))
     exact = LightField(fields.quantise(views[..., None], "uint16"))
-    assert residual_level(exact, np.array([1.0, 0.7, 0.4, 0.1, -0.2])) < 0.001
+    assert residual(exact, np.array([1.0, 0.7, 0.4, 0.1, -0.2])).level < 0.001
 
 
 GREY = pytest.mark.xfail(reason="the residual of one channel is lower, and the ramp is set for three")
@@ -92,7 +109,7 @@ GREY = pytest.mark.xfail(reason="the residual of one channel is lower, and the r
 def test_noise_alone_weighs_little(sigma: float, channels: int, grid: tuple[int, int]) -> None:
     rng = np.random.default_rng(5)
     views = np.rint(128 + rng.normal(0, sigma, (*grid, 40, 44, channels))).astype(np.uint8)
-    assert texture_weight(LightField(views), PLANES).mean() < 0.3
+    assert weights(LightField(views)).mean() < 0.3
 
 
 @pytest.mark.parametrize("sigma", [0.0, 1.0, 3.0])
@@ -103,7 +120,7 @@ def test_texture_above_the_noise_weighs_in_full(sigma: float) -> None:
     views = 255 * fields.plane_views(paint, 0.4, (7, 7), (60, 44))
     views[:, :, 30:] = 128
     noisy = np.clip(np.stack([views] * 3, axis=-1) + rng.normal(0, sigma, (7, 7, 60, 44, 3)), 0, 255)
-    weight = texture_weight(LightField(np.rint(noisy).astype(np.uint8)), PLANES)
+    weight = weights(LightField(np.rint(noisy).astype(np.uint8)))
     reach = noise._WINDOW + 4
     assert weight[: 30 - reach].mean() > 0.95
     if sigma > 0:
@@ -113,7 +130,7 @@ def test_texture_above_the_noise_weighs_in_full(sigma: float) -> None:
 def test_views_that_never_overlap_leave_a_level() -> None:
     """Planes so far from zero that no other view holds any pixel: finite, whatever it is."""
     lf = fields.light_field(np.random.default_rng(9), (3, 3), (20, 24), 3)
-    assert np.isfinite(residual_level(lf, np.arange(30.0, 28.0, -0.5)))
+    assert np.isfinite(residual(lf, np.arange(30.0, 28.0, -0.5)).level)
 
 
 def test_more_noise_never_adds_weight() -> None:
@@ -123,7 +140,7 @@ def test_more_noise_never_adds_weight() -> None:
     means = []
     for sigma in (0.5, 2.0, 6.0, 15.0, 40.0):
         noisy = np.clip(128 + 40 * (grey[..., None] - 0.5) + sigma * unit, 0, 255)
-        means.append(texture_weight(LightField(np.rint(noisy).astype(np.uint8)), PLANES).mean())
+        means.append(weights(LightField(np.rint(noisy).astype(np.uint8))).mean())
     assert all(after <= before + 0.02 for before, after in pairwise(means)), means
     assert means[0] - means[-1] > 0.3, means
 
@@ -132,5 +149,13 @@ def test_transposing_the_views_transposes_the_weight() -> None:
     rng = np.random.default_rng(8)
     lf = fields.light_field(rng, (5, 4), (26, 27), 3)  # every pixel is looked at
     turned = LightField(np.ascontiguousarray(lf.views.transpose(1, 0, 3, 2, 4)))
-    assert residual_level(turned, PLANES) == pytest.approx(residual_level(lf, PLANES), rel=1e-5)
-    np.testing.assert_allclose(texture_weight(turned, PLANES), texture_weight(lf, PLANES).T, atol=1e-3)
+    assert residual(turned, PLANES).level == pytest.approx(residual(lf, PLANES).level, rel=1e-5)
+    np.testing.assert_allclose(weights(turned), weights(lf).T, atol=1e-3)
+
+
+def test_a_higher_level_never_adds_weight() -> None:
+    lf = fields.light_field(np.random.default_rng(10), (3, 3), (30, 34), 3)
+    levels = [texture_weight(lf, level) for level in (0.0, 0.005, 0.02, 0.1, 1.0)]
+    assert all((after <= before).all() for before, after in pairwise(levels))
+    assert levels[0].mean() > 0.9
+    assert levels[-1].max() == 0

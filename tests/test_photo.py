@@ -7,10 +7,20 @@ import pytest
 
 import fields
 import naive_photo
+import naive_vis
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
 from lfdepth.sweep.parallel import Workers
-from lfdepth.sweep.photo import local_thresholds, photo_consistency, photo_plane, prepare_colours
+from lfdepth.sweep.photo import (
+    FEWEST_VIEWS,
+    local_thresholds,
+    photo_consistency,
+    photo_plane,
+    prepare_colours,
+    thinned,
+)
+
+Array = fields.Array
 
 GRIDS = [(3, 3), (5, 5), (4, 6), (6, 4), (1, 5), (7, 1)]
 
@@ -39,6 +49,32 @@ def test_matches_the_oracle_at_any_width(width: int) -> None:
     found = photo_consistency(lf, -1.21, thresholds=thresholds)
     expected = naive_photo.photo_consistency(lf.views, -1.21, thresholds.astype(np.float32))
     np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("height", [1, 2, 31, 32, 33, 70])
+def test_matches_the_oracle_at_any_height(height: int, channels: int) -> None:
+    rng = np.random.default_rng(height)
+    lf = fields.light_field(rng, (4, 5), (height, 9), channels, kind="noise")
+    thresholds = rng.uniform(0.05, 0.5, (height, 9)).astype(np.float32)
+    expected = naive_photo.photo_consistency(lf.views, 1.37, thresholds)
+    for threads in (1, 2, 3):
+        found = photo_consistency(lf, 1.37, thresholds=thresholds, threads=threads)
+        np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+@pytest.mark.parametrize("rows", [(0, 40), (3, 38), (35, 36)])
+def test_some_rows_are_counted_as_among_all(rows: tuple[int, int], threads: int) -> None:
+    rng = np.random.default_rng(13)
+    lf = fields.light_field(rng, (5, 5), (40, 33), 3)
+    stack, thresholds = prepare_colours(lf, 1.0), local_thresholds(lf.reference)
+    out = np.full((40, 33), -1, np.float32)
+    with Workers(threads) as workers:
+        photo_plane(stack, -0.45, thresholds, workers, out, rows=rows)
+    expected = np.full((40, 33), -1, np.float32)
+    expected[slice(*rows)] = photo_consistency(lf, -0.45)[slice(*rows)]
+    np.testing.assert_array_equal(out, expected)
 
 
 @pytest.mark.parametrize("dtype", ["uint8", "uint16"])
@@ -166,6 +202,90 @@ def test_all_views_agree_at_the_plane_of_a_smooth_picture() -> None:
     inner = (slice(3, -3), slice(3, -3))
     assert np.mean(photo_consistency(lf, 0.43)[inner] == 1) > 0.99
     assert photo_consistency(lf, 1.43)[inner].mean() < 0.4
+
+
+# Which views vote
+
+
+def cross(grid: tuple[int, int]) -> Array:
+    present = np.zeros(grid, bool)
+    present[grid[0] // 2], present[:, grid[1] // 2] = True, True
+    return present
+
+
+@pytest.mark.parametrize(
+    ("grid", "dense", "sparse"),
+    [
+        ((3, 3), 9, 9),  # too few to leave any out
+        ((5, 5), 25, 25),  # a chessboard would leave 13
+        ((6, 6), 36, 36),  # 18
+        ((7, 7), 25, 25),  # corners would be 9
+        ((8, 8), 32, 32),  # 16
+        ((9, 9), 41, 25),
+        ((15, 15), 113, 49),  # those 7 rows an even number away
+        ((17, 17), 145, 81),
+        ((1, 9), 9, 9),
+        ((1, 49), 25, 25),
+        ((1, 51), 51 // 2, 51 // 2),
+        ((1, 101), 51, 51),
+        ((3, 101), 51 + 2 * 50, 51),
+    ],
+)
+def test_so_many_views_vote(grid: tuple[int, int], dense: int, sparse: int) -> None:
+    """Counted by hand: of n views along an axis, those an even number away from n // 2."""
+    every = np.ones(grid, bool)
+    assert thinned(every, sparse=False).sum() == dense
+    assert thinned(every, sparse=True).sum() == sparse
+
+
+def test_a_chessboard_and_its_corners() -> None:
+    every = np.ones((9, 9), bool)
+    distance = abs(np.arange(9) - 4)
+    expected = (distance[:, None] + distance) % 2 == 0
+    np.testing.assert_array_equal(thinned(every, sparse=False), expected)
+    rows = np.array([True, False] * 4 + [True])
+    np.testing.assert_array_equal(thinned(every, sparse=True), rows[:, None] & rows)
+
+
+@pytest.mark.parametrize("grid", [(9, 9), (17, 17), (11, 12)])
+def test_a_cross_of_views_stays_whole(grid: tuple[int, int]) -> None:
+    """A chessboard has fewer than enough of it."""
+    present = cross(grid)
+    for sparse in (False, True):
+        np.testing.assert_array_equal(thinned(present, sparse=sparse), present)
+
+
+@pytest.mark.parametrize("sparse", [False, True])
+@pytest.mark.parametrize("grid", [(3, 3), (9, 9), (8, 9), (17, 17), (1, 60), (60, 1), (10, 13)])
+def test_thinned_views_agree_with_the_oracle_and_keep_what_they_must(
+    grid: tuple[int, int], sparse: bool
+) -> None:
+    rng = np.random.default_rng([*grid, sparse])
+    for share in (1.0, 0.8, 0.5, 0.3, 0.05):
+        present = rng.random(grid) < share
+        present[grid[0] // 2, grid[1] // 2] = True
+        before = present.copy()
+        found = thinned(present, sparse=sparse)
+        np.testing.assert_array_equal(present, before)
+        np.testing.assert_array_equal(found, naive_vis.thinned(present, sparse))
+        assert found[grid[0] // 2, grid[1] // 2]
+        assert not (found & ~present).any()
+        assert found.sum() >= min(FEWEST_VIEWS, present.sum())
+        np.testing.assert_array_equal(thinned(present.T, sparse=sparse), found.T)
+        np.testing.assert_array_equal(thinned(found, sparse=False), found)
+
+
+def test_thinned_views_find_the_same_surface() -> None:
+    """Truth: at the surface's plane all views agree, whichever are asked."""
+    paint = fields.texture(np.random.default_rng(12), shortest=25.0, longest=60.0)
+    views = fields.plane_views(paint, 0.43, (9, 9), (30, 34))
+    every = np.ones((9, 9), bool)
+    for sparse in (False, True):
+        present = thinned(every, sparse=sparse)
+        lf = LightField(fields.quantise(views[..., None], "uint16"), present=present)
+        inner = (slice(4, -4), slice(4, -4))
+        assert np.mean(photo_consistency(lf, 0.43)[inner] == 1) > 0.99
+        assert photo_consistency(lf, 1.43)[inner].mean() < 0.4
 
 
 def test_bad_arguments_are_refused() -> None:

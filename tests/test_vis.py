@@ -21,7 +21,7 @@ from lfdepth.sweep.run import Result, estimate
 Array = fields.Array
 
 RANGE = (-1.0, 1.2)
-OPTIONS: dict[str, Any] = {"step": 0.13, "radius": 2, "epsilon": 1e-3}
+OPTIONS: dict[str, Any] = {"step": 0.13, "radius": 2, "epsilon": 1e-3, "fit_radius": 4}
 
 
 def scene(
@@ -44,16 +44,18 @@ def scene(
     ("lf", "options"),
     [
         (scene(1, (3, 3), (20, 33)), {}),
-        (scene(2, (4, 3), (22, 21), 1, "uint16"), {"guide": "grey"}),
+        (scene(2, (4, 3), (22, 21), 1, "uint16"), {"guide": "grey", "photo_radius": 3}),
         (scene(3, (3, 4), (18, 24), 3, "float32", absent=True), {"edge_passes": 0}),
         (scene(4, (1, 5), (17, 32)), {"normalise": False, "photo_weight": 0.7}),
         (scene(5, (3, 3), (16, 31)), {"step": 0.9, "edge_passes": 1}),
+        (scene(6, (9, 9), (12, 16), 1), {"step": 0.3}),
+        (scene(7, (7, 8), (13, 14)), {"step": 0.25, "fit_radius": 0}),
     ],
-    ids=["colour", "grey-uint16", "float-absent", "row-of-views", "few-planes"],
+    ids=["colour", "grey-uint16", "float-absent", "row-of-views", "few-planes", "thinned", "unfitted"],
 )
 def test_the_method_agrees_with_the_oracle(lf: LightField, options: dict[str, Any]) -> None:
     """A pixel decided otherwise at an edge, or a view seen otherwise, reaches as far as the windows do."""
-    chosen = method("fbs-vis", **{**OPTIONS, **options})
+    chosen = method("fbs-vis", **{**OPTIONS, "gloss": False, **options})
     found = estimate(lf, chosen)
     expected = naive_vis.estimate(lf.views, RANGE, chosen, lf.present)
     assert chosen.step is not None

@@ -25,15 +25,20 @@ def random_map(rng: np.random.Generator, size: tuple[int, int], reach: float = 2
     return np.asarray(np.rint(disparity * 64) / 64, np.float32)
 
 
+def every(grid: tuple[int, int]) -> Array:
+    return np.ones(grid, bool)
+
+
 def splatted(disparity: Array, grid: tuple[int, int], threads: int = 1, margin: int = 0) -> Array:
     """Nearest surfaces (V, U, H, W)."""
     height, width = disparity.shape
     with Workers(threads) as workers:
-        nearest = nearest_surfaces(disparity, grid, margin, width + 2 * margin, workers)
-    rows = nearest.data.reshape(grid[0], height, grid[1], width + 2 * margin)
-    assert (rows[..., :margin] == EMPTY).all()
-    assert (rows[..., margin + width :] == EMPTY).all()
-    return np.asarray(rows[..., margin : margin + width].swapaxes(1, 2))
+        nearest = nearest_surfaces(disparity, every(grid), margin, width + 2 * margin, workers)
+    views = nearest.data.reshape(*grid, height, width + 2 * margin)
+    assert (views[..., :margin] == EMPTY).all()
+    assert (views[..., margin + width :] == EMPTY).all()
+    np.testing.assert_array_equal(nearest.rows.reshape(*grid, height), views.max(axis=-1))
+    return np.asarray(views[..., margin : margin + width])
 
 
 def share(
@@ -44,7 +49,7 @@ def share(
     out = np.empty(stack.size, np.float32)
     limits = local_thresholds(lf.reference) if thresholds is None else thresholds
     with Workers(threads) as workers:
-        nearest = nearest_surfaces(disparity, stack.grid, stack.margin, stack.row_length, workers)
+        nearest = nearest_surfaces(disparity, stack.present, stack.margin, stack.row_length, workers)
         photo_plane(stack, plane, limits, workers, out, nearest)
     return out
 
@@ -55,6 +60,23 @@ def test_splats_agree_with_the_oracle(grid: tuple[int, int], margin: int) -> Non
     rng = np.random.default_rng([*grid, margin])
     disparity = random_map(rng, (13, 18))
     np.testing.assert_array_equal(splatted(disparity, grid, margin=margin), naive_vis.splat(disparity, grid))
+
+
+@pytest.mark.parametrize("threads", [1, 3])
+def test_absent_views_and_memory_used_before_leave_the_others_splats(threads: int) -> None:
+    """What the memory held is no matter, nor what it holds of views that are absent."""
+    rng = np.random.default_rng(11)
+    for grid in GRIDS:
+        present, disparity = fields.random_present(rng, grid), random_map(rng, (9, 14))
+        spare = rng.integers(-32768, 32767, (grid[0] * 9 * grid[1] * 18)).astype(np.int16)
+        with Workers(threads) as workers:
+            fresh = nearest_surfaces(disparity, present, 2, 18, workers).data
+            again = nearest_surfaces(disparity, present, 2, 18, workers, spare).data
+        expected = naive_vis.splat(disparity, grid)
+        for data in (fresh, again):
+            views = data.reshape(*grid, 9, 18)[present]
+            np.testing.assert_array_equal(views[..., 2:-2], expected[present])
+            assert (views[..., [0, 1, -2, -1]] == EMPTY).all()
 
 
 def test_a_bar_hides_the_wall_where_worked_out_by_hand() -> None:
@@ -89,7 +111,7 @@ def test_the_nearest_surface_wins() -> None:
 def test_pixels_in_front_of_a_plane_are_told_by_the_margin(plane: float) -> None:
     disparity = np.array([[plane - 1, plane, plane + 0.9 * MARGIN, plane + 1.1 * MARGIN]], np.float32)
     with Workers(1) as workers:
-        front, horizon = nearest_surfaces(disparity, (3, 3), 0, 4, workers).in_front(plane)
+        front, horizon = nearest_surfaces(disparity, every((3, 3)), 0, 4, workers).in_front(plane)
     np.testing.assert_array_equal(front, [[0, 0, 0, 1]])
     assert horizon == round((plane + MARGIN) * PARTS)
 
@@ -108,6 +130,22 @@ def test_visible_shares_agree_with_the_oracle(grid: tuple[int, int], channels: i
         expected = naive_vis.visible_share(lf.views, plane, thresholds, disparity, present)
         found = share(lf, plane, disparity, thresholds=thresholds)
         np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("size", [(34, 12), (67, 9), (1, 33)])
+def test_visible_shares_of_tall_views_agree_with_the_oracle(size: tuple[int, int], channels: int) -> None:
+    """Rows where nothing is in front beside rows where something is."""
+    rng = np.random.default_rng([*size, channels])
+    lf = fields.light_field(rng, (3, 3), size, channels)
+    disparity = np.full(size, -0.75, np.float32)
+    disparity[size[0] // 3 : size[0] // 2 + 1, 3:7] = 1.25
+    thresholds = rng.uniform(0.02, 0.3, size).astype(np.float32)
+    for plane in (-0.8, 0.33, 1.2, 1.7):
+        expected = naive_vis.visible_share(lf.views, plane, thresholds, disparity)
+        for threads in (1, 3):
+            found = share(lf, plane, disparity, threads, thresholds)
+            np.testing.assert_allclose(found, expected, rtol=1e-6)
 
 
 def two_layers() -> tuple[LightField, Array]:

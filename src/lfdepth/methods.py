@@ -49,6 +49,8 @@ class Method:
         Guide of the smoothing, "colour" or "grey" reference view.
     radius
         Radius of the guided filter, px.
+    photo_radius
+        Radius of the guided filter for photo-consistency, px ("joint").
     epsilon
         ε of the guided filter, squared full scale.
     normalise
@@ -62,6 +64,10 @@ class Method:
         Cost of a change by one plane between neighbouring pixels ("joint").
     jump_penalty
         Cost of any larger change between neighbouring pixels ("joint").
+    fit_radius
+        Radius in px of the planes that place disparities between planes ("joint"); even; 0: none.
+    gloss
+        Where highlights wander over a surface, decide by high-passed views ("joint" with "visibility").
     edge_passes
         Passes over the depth edges; each moves them by at most a pixel ("visibility").
     """
@@ -78,13 +84,16 @@ class Method:
     gradient: Literal["central", "sobel"] = "central"
     guide: Literal["colour", "grey"] = "colour"
     radius: int = 4
+    photo_radius: int = 2
     epsilon: float = 1e-4
     normalise: bool = True
     subplane: bool = True
     photo_weight: float = 1.0
-    slope_penalty: float = 0.18
+    slope_penalty: float = 0.3
     jump_penalty: float = 2.0
-    edge_passes: int = 2
+    fit_radius: int = 8
+    gloss: bool = True
+    edge_passes: int = 3
 
     def __post_init__(self) -> None:
         for field, choices in _CHOICES.items():
@@ -97,6 +106,10 @@ class Method:
             found = getattr(self, field)
             if not 0 <= found <= 100:
                 raise LightFieldError(f"{field}: found {found}, expected a number from 0 to 100")
+        if not 0 <= self.fit_radius <= 50 or self.fit_radius % 2 != 0:
+            raise LightFieldError(
+                f"fit_radius: found {self.fit_radius}, expected an even number of px from 0 to 50"
+            )
         if self.jump_penalty > 2:
             raise LightFieldError(f"jump_penalty: found {self.jump_penalty:g}, expected at most 2")
 
@@ -124,6 +137,8 @@ _REGISTRY = {
             occlusion="visibility",
             decoder="joint",
             step=0.07,
+            radius=3,
+            epsilon=2e-6,
         ),
     )
 }

@@ -24,6 +24,7 @@ from lfdepth.sweep.photo import local_thresholds
 from lfdepth.sweep.visibility import nearest_surfaces
 
 _MEDIAN = (1, 0.05, 2.0)  # radius in px, standard deviations of colour and space
+_SURE_PASSES, _LATE = 2, 3.0  # later passes, into wide bands, must be surer by this factor
 _EDGE_TRUST = 0.3
 _UNSTEADY = 0.15  # px per view step within two pixels that cost a pixel a third of its trust
 
@@ -35,7 +36,8 @@ class EdgeRule:
     Parameters
     ----------
     passes
-        Passes over the edges; each can move an edge by one pixel; 0 leaves the map as it is.
+        Passes over the edges; each can move an edge by one pixel, from the third on with three times the
+        inertia; 0 leaves the map as it is.
     jump
         Least difference of disparity between neighbours that makes an edge, px per view step.
     spread
@@ -44,7 +46,7 @@ class EdgeRule:
         How much more the colours must say when all views agree with the present side.
     """
 
-    passes: int = 2
+    passes: int = 3
     jump: float = 0.15
     spread: float = 0.3
     inertia: float = 3.0
@@ -68,6 +70,7 @@ class DepthEdges:
         self._guide = np.ascontiguousarray(lf.reference.astype(np.float32) / np.float32(lf.full_scale))
         self._thresholds = local_thresholds(lf.reference) * np.float32(255)
         self._present = np.ones(lf.shape[:2], np.bool_) if lf.present is None else lf.present
+        self._spare: NDArray[np.int16] | None = None
         self._found = np.zeros(lf.views.shape[2:4], np.bool_)
 
     def settle(
@@ -80,8 +83,8 @@ class DepthEdges:
         settled = np.empty_like(disparity)
         median_plane(disparity, self._guide, None, _MEDIAN, workers, settled)
         self._found[:] = False
-        for _ in range(self.rule.passes if passes is None else min(passes, self.rule.passes)):
-            settled = self._move_edges(settled, workers)
+        for count in range(self.rule.passes if passes is None else min(passes, self.rule.passes)):
+            settled = self._move_edges(settled, workers, 1.0 if count < _SURE_PASSES else _LATE)
         return settled
 
     def distrust(
@@ -92,9 +95,12 @@ class DepthEdges:
         trust[self._found] *= np.float32(_EDGE_TRUST)
         return np.asarray(confidence * trust, np.float32)
 
-    def _move_edges(self, disparity: NDArray[np.float32], workers: Workers) -> NDArray[np.float32]:
-        grid, width = (self._views.shape[0], self._views.shape[1]), self._views.shape[3]
-        nearest = nearest_surfaces(disparity, grid, 0, width, workers)
+    def _move_edges(
+        self, disparity: NDArray[np.float32], workers: Workers, caution: float = 1.0
+    ) -> NDArray[np.float32]:
+        width = self._views.shape[3]
+        nearest = nearest_surfaces(disparity, self._present, 0, width, workers, self._spare)
+        self._spare = nearest.data
         decided = disparity.copy()
         workers.rows(
             len(disparity),
@@ -108,7 +114,7 @@ class DepthEdges:
             self._thresholds,
             np.float32(self.rule.jump),
             np.float32(self.rule.spread),
-            np.float32(self.rule.inertia),
+            np.float32(self.rule.inertia * caution),
             decided,
             self._found,
         )

@@ -12,6 +12,7 @@ _BLUR = np.float32(1.5)  # standard deviation in px of the weights of those pixe
 _FRINGE = np.float32(
     0.05
 )  # weight of foreground pixels that touch the background: they may be mixed themselves
+_JUMP_SHARE = np.float32(0.7)  # of the change within 5 × 5 pixels that a jump makes within 3 × 3
 _FEW_VIEWS = 3
 _SAME = np.float32(4)  # grey levels squared per channel: surfaces of one colour cannot be told apart
 
@@ -37,6 +38,19 @@ def _two_surfaces(disparity, y, x):
         for column in range(x - 1, x + 2):
             near, far = max(near, disparity[row, column]), min(far, disparity[row, column])
     return near, far
+
+
+@nb.njit(nogil=True, cache=True)
+def _is_edge(disparity, y, x, change, jump):
+    """Whether a change within 3 × 3 pixels is a jump: within 5 × 5, a steep slope changes twice as far."""
+    if change < jump:
+        return False
+    height, width = disparity.shape
+    near = far = disparity[y, x]
+    for row in range(max(y - 2, 0), min(y + 3, height)):
+        for column in range(max(x - 2, 0), min(x + 3, width)):
+            near, far = max(near, disparity[row, column]), min(far, disparity[row, column])
+    return change >= _JUMP_SHARE * (near - far)
 
 
 @nb.njit(nogil=True, cache=True)
@@ -83,7 +97,7 @@ def _views_behind(views, present, nearest, margin, row_length, y, x, near, far, 
                 continue
             if to_y < 0 or to_x < 0 or to_y > height - 1 or to_x > width - 1:
                 continue
-            row = (v * height + int(to_y + 0.5)) * columns + u
+            row = (v * columns + u) * height + int(to_y + 0.5)
             if nearest[row * row_length + margin + int(to_x + 0.5)] > horizon:
                 continue
             sample(views[v, u], to_y, to_x, samples[count])
@@ -175,7 +189,7 @@ def edge_kernel(
     for y in range(max(first_row, 1), min(last_row, height - 1)):
         for x in range(1, width - 1):
             near, far = _two_surfaces(disparity, y, x)
-            if near - far < jump:
+            if not _is_edge(disparity, y, x, near - far, jump):
                 continue
             at_edge[y, x] = True
             weight, front_spread = _foreground_colour(disparity, reference, y, x, near, far, front)

@@ -1,4 +1,4 @@
-"""Kernels of the joint decoder: energies, scanline paths, minimum."""
+"""Kernels of the joint decoder: energies, scanline paths, minimum, islands at the range's ends."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ SCALE = 2000
 _LEVELS = 255
 _CUT = np.float32(2 * SCALE)
 _FAR = np.int16(32000)
+_ALIKE = np.float32(2)  # planes within which neighbours belong to one island
 
 
 @nb.njit(nogil=True, cache=True)
@@ -54,11 +55,11 @@ def energy_kernel(first_row, last_row, signs, shares, weight, energy):
 
 
 @nb.njit(nogil=True, cache=True)
-def _edge_weight(guide, y, x, other_y, other_x, sharpness):
+def _edge_weight(guide, y, x, other_y, other_x, sharpness, noise):
     change = np.float32(0)
     for c in range(guide.shape[2]):
         change += abs(guide[y, x, c] - guide[other_y, other_x, c])
-    return np.exp(-sharpness * change)
+    return np.exp(-sharpness * max(change - noise, np.float32(0)))
 
 
 @nb.njit(nogil=True, cache=True)
@@ -88,7 +89,7 @@ def _start(path, energy, total):
 
 
 @nb.njit(nogil=True, cache=True)
-def horizontal_kernel(first_row, last_row, energy, total, guide, slope, jump, sharpness):
+def horizontal_kernel(first_row, last_row, energy, total, guide, slope, jump, sharpness, noise):
     """Paths from the left and from the right for rows [first_row, last_row)."""
     width, count = energy.shape[1:]
     path, spare = np.empty(count + 2, np.int16), np.empty(count, np.int16)
@@ -99,14 +100,14 @@ def horizontal_kernel(first_row, last_row, energy, total, guide, slope, jump, sh
                 if i == 0:
                     _start(path, energy[y, x], total[y, x])
                     continue
-                weight = _edge_weight(guide, y, x, y, x - 1 if side == 0 else x + 1, sharpness)
+                weight = _edge_weight(guide, y, x, y, x - 1 if side == 0 else x + 1, sharpness, noise)
                 _advance(
                     path, spare, energy[y, x], total[y, x], np.int16(slope * weight), np.int16(jump * weight)
                 )
 
 
 @nb.njit(nogil=True, cache=True)
-def vertical_kernel(first_column, last_column, energy, total, guide, slope, jump, sharpness):
+def vertical_kernel(first_column, last_column, energy, total, guide, slope, jump, sharpness, noise):
     """Paths from above and from below for columns [first_column, last_column)."""
     height, _, count = energy.shape
     paths = np.empty((last_column - first_column, count + 2), np.int16)
@@ -119,7 +120,7 @@ def vertical_kernel(first_column, last_column, energy, total, guide, slope, jump
                 if i == 0:
                     _start(path, energy[y, x], total[y, x])
                     continue
-                weight = _edge_weight(guide, y, x, y - 1 if side == 0 else y + 1, x, sharpness)
+                weight = _edge_weight(guide, y, x, y - 1 if side == 0 else y + 1, x, sharpness, noise)
                 _advance(
                     path, spare, energy[y, x], total[y, x], np.int16(slope * weight), np.int16(jump * weight)
                 )
@@ -142,3 +143,61 @@ def decode_kernel(first_row, last_row, total, position):
                 if before + after > 0:
                     offset = np.float32(0.5) * (before - after) / (before + after)
             position[y, x] = np.float32(best) + offset
+
+
+@nb.njit(nogil=True, cache=True)
+def _neighbour(pixel, side, height, width):
+    """Pixel above, below, left or right of a pixel, counted row by row; −1 outside."""
+    y, x = pixel // width + (-1, 1, 0, 0)[side], pixel % width + (0, 0, -1, 1)[side]
+    return y * width + x if 0 <= y < height and 0 <= x < width else -1
+
+
+@nb.njit(nogil=True, cache=True)
+def _grow(flat, seen, island, height, width):
+    """Grow an island from its first pixel over alike neighbours until it fills `island`; returns its size."""
+    size, done = 1, 0
+    while done < size < island.size:
+        for side in range(4):
+            other = _neighbour(island[done], side, height, width)
+            if other < 0 or seen[other] or abs(flat[other] - flat[island[done]]) > _ALIKE:
+                continue
+            seen[other] = True
+            island[size] = other
+            size += 1
+            if size == island.size:
+                break
+        done += 1
+    return size
+
+
+@nb.njit(nogil=True, cache=True)
+def fill_islands_kernel(position, planes, largest):
+    """Fill islands of at most `largest` pixels at the first or last plane by the median around them.
+
+    Least at the end of the range, an energy has no minimum inside it; a glint, which moves through the views
+    as no surface does, often looks so.
+    """
+    height, width = position.shape
+    flat = position.reshape(-1)
+    seen = np.zeros(flat.size, np.bool_)
+    island, shore = np.empty(largest + 1, np.int64), np.empty(4 * largest, np.float32)
+    for start in range(flat.size):
+        if seen[start] or 0 < flat[start] < planes - 1:
+            continue
+        seen[start] = True
+        island[0] = start
+        size = _grow(flat, seen, island, height, width)
+        if size > largest:
+            seen[island[:size]] = False  # or what is left of a large one would look small
+            continue
+        count = 0
+        for i in range(size):
+            for side in range(4):
+                other = _neighbour(island[i], side, height, width)
+                if other >= 0 and abs(flat[other] - flat[island[i]]) > _ALIKE:
+                    shore[count] = flat[other]
+                    count += 1
+        if count > 0:
+            fill = np.median(shore[:count])
+            for i in range(size):
+                flat[island[i]] = fill

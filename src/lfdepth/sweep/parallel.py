@@ -46,12 +46,15 @@ class Workers:
             ThreadPoolExecutor(self.threads, thread_name_prefix="lfdepth") if self.threads > 1 else None
         )
 
-    def rows(self, height: int, kernel: Callable[..., Any], *args: Any) -> None:
-        """Run the kernel over all rows and wait for it."""
+    def rows(self, height: int, kernel: Callable[..., Any], *args: Any, first: int = 0) -> None:
+        """Run the kernel over rows [first, height) and wait for it."""
         if self._pool is None:
-            kernel(0, height, *args)
+            kernel(first, height, *args)
             return
-        jobs = [self._pool.submit(kernel, first, last, *args) for first, last in bands(height, self.threads)]
+        jobs = [
+            self._pool.submit(kernel, first + start, first + end, *args)
+            for start, end in bands(height - first, self.threads)
+        ]
         for job in jobs:
             job.result()
 

@@ -26,6 +26,9 @@ from lfdepth.sweep.photo_kernels import UNIT, WHITE, photo_kernel
 from lfdepth.sweep.reparam import Shifts, round_width
 from lfdepth.sweep.visibility import NearestSurfaces
 
+FEWEST_VIEWS = 25
+"""Views that thinning leaves."""
+
 LARGEST_THRESHOLD = 0.5
 """Of full scale. A bound on the sum over three channels then fits 16 bits."""
 
@@ -34,9 +37,9 @@ LARGEST_THRESHOLD = 0.5
 class ColourStack:
     """Views of all channels, padded by repeating the border so that kernels need no clamping in x.
 
-    `data` is flat, laid out (V, H, U, C, row_length), so that the rows that a row of votes reads lie side by
-    side: uint8 levels of 8-bit views, or uint16 from 0 to `WHITE` for all others. A row starts `margin`
-    columns before the image.
+    `data` is flat, laid out (V, U, H, C, row_length), so that views that do not vote cost nothing: uint8
+    levels of 8-bit views, or uint16 from 0 to `WHITE` for all others. A row starts `margin` columns before
+    the image. Neighbours in the grid are `stride` view steps apart, down and across.
     """
 
     data: NDArray[np.uint8] | NDArray[np.uint16]
@@ -46,6 +49,22 @@ class ColourStack:
     margin: int
     row_length: int
     present: NDArray[np.bool_]
+    stride: tuple[int, int] = (1, 1)
+
+
+def thinned(present: NDArray[np.bool_], *, sparse: bool) -> NDArray[np.bool_]:
+    """Views (V, U) enough to count photo-consistency: neighbouring views say much the same.
+
+    Half of them, as the white squares of a chessboard whose reference view is white; with `sparse`, every
+    other row and column of them. No fewer than `FEWEST_VIEWS` remain, or else the denser choice is made.
+    """
+    v, u = (abs(np.arange(count) - count // 2) % 2 for count in present.shape)
+    chessboard = np.asarray(present & (v[:, None] == u))
+    lattice = np.asarray(present & (v[:, None] == 0) & (u == 0))
+    for choice in (lattice, chessboard) if sparse else (chessboard,):
+        if np.count_nonzero(choice) >= FEWEST_VIEWS:
+            return choice
+    return present
 
 
 def prepare_colours(lf: LightField, max_disparity: float) -> ColourStack:
@@ -54,9 +73,9 @@ def prepare_colours(lf: LightField, max_disparity: float) -> ColourStack:
     margin = int(np.ceil((columns // 2) * abs(max_disparity))) + 2
     row_length = round_width(width) + 2 * margin
     kind = np.uint8 if lf.views.dtype == np.uint8 else np.uint16
-    data: NDArray[Any] = np.empty((rows, height, columns, channels, row_length), kind)
+    data: NDArray[Any] = np.empty((rows, columns, height, channels, row_length), kind)
     for v, u in np.ndindex(rows, columns):
-        padded = data[v, :, u]
+        padded = data[v, u]
         padded[..., margin : margin + width] = np.moveaxis(_levels(lf.views[v, u]), 2, 1)
         padded[..., :margin] = padded[..., margin, None]
         padded[..., margin + width :] = padded[..., margin + width - 1, None]
@@ -187,18 +206,32 @@ def photo_plane(
     workers: Workers,
     out: NDArray[np.float32],
     nearest: NearestSurfaces | None = None,
+    *,
+    rows: tuple[int, int] | None = None,
 ) -> None:
     """Share of the views that count at one plane, into `out` (H, W); with `nearest`, of those that see it.
 
-    `thresholds` (H, W) lie in (0, 0.5], |disparity| within what the stack was prepared for. Sums of
-    differences are whole numbers, so `sum / (C·WHITE) < threshold` is `sum < ceil(threshold·C·WHITE)`; the
-    product is exact in double precision. This is what an engine for other hardware replaces.
+    `thresholds` (H, W) lie in (0, 0.5], |disparity| within what the stack was prepared for. With `rows`, only
+    rows [first, last) are written. This is what an engine for other hardware replaces.
     """
-    plane = _shifts(stack.grid, disparity)
-    workers.rows(
-        stack.size[0],
-        photo_kernel,
-        out,
+    first, last = (0, stack.size[0]) if rows is None else rows
+    arguments = photo_arguments(stack, disparity, thresholds, nearest)
+    workers.rows(last, photo_kernel, out, *arguments, first=first)
+
+
+def photo_arguments(
+    stack: ColourStack,
+    disparity: float,
+    thresholds: NDArray[np.float32],
+    nearest: NearestSurfaces | None = None,
+) -> tuple[Any, ...]:
+    """Arguments of `photo_kernel` after its output.
+
+    Sums of differences are whole numbers, so `sum / (C·WHITE) < threshold` is
+    `sum < ceil(threshold·C·WHITE)`; the product is exact in double precision.
+    """
+    plane = _shifts(stack.grid, disparity, stack.stride)
+    return (
         thresholds,
         stack.data,
         (*stack.grid, stack.size[0], stack.channels, stack.row_length, stack.margin),
@@ -217,17 +250,18 @@ def _placed_visibility(
     """The kernel's arguments that say where a plane samples the nearest surfaces: at the nearest pixel."""
     if nearest is None:
         none = np.empty(0, np.int16)
-        return none, np.empty(0, np.int64), np.empty(0, np.int64), none.reshape(0, 0), 0
+        return none, none, np.empty(0, np.int64), np.empty(0, np.int64), none.reshape(0, 0), 0
     down, across = (
         np.floor(-(np.arange(count) - count // 2) * disparity + 0.5).astype(np.int64) for count in stack.grid
     )
-    return (nearest.data, down, across, *nearest.in_front(disparity))
+    return (nearest.data, nearest.rows, down, across, *nearest.in_front(disparity))
 
 
-def _shifts(grid: tuple[int, int], disparity: float) -> Shifts:
-    """As `reparam.shifts`, in parts of this module's finer `UNIT`."""
+def _shifts(grid: tuple[int, int], disparity: float, stride: tuple[int, int]) -> Shifts:
+    """As `reparam.shifts`, in parts of this module's finer `UNIT`, for every `stride`-th view."""
     down, across = (
-        np.rint(-(np.arange(count) - count // 2) * disparity * UNIT).astype(np.int64) for count in grid
+        np.rint(-(np.arange(count) - count // 2) * steps * disparity * UNIT).astype(np.int64)
+        for count, steps in zip(grid, stride, strict=True)
     )
     qy, qx = down[:, None] % UNIT, across % UNIT
     both = (qy * qx + UNIT // 2) // UNIT

@@ -146,11 +146,46 @@ def _sweep(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Algorithm 1, and the decoder's disparity and confidence."""
     smoothing = GuidedFilter(guide_image(lf, method.guide), method.radius, method.epsilon)
+    decoder = _decoder(lf, method, planes, smoothing.guide)
+    passes = 2 if method.occlusion == "visibility" and method.decoder == "joint" else 1
+
+    def report(done: int) -> None:
+        if progress is not None:
+            progress(done, len(planes) * passes)
+
+    _vote(lf, method, planes, smoothing, decoder, volumes, workers, report)
+    disparity, confidence = decoder.decide(workers)
+    if method.occlusion != "visibility":
+        return disparity, confidence
+    edges = DepthEdges(lf, EdgeRule(passes=method.edge_passes))
+    if not isinstance(decoder, JointEnergy):
+        disparity = edges.settle(disparity, workers)
+        return disparity, edges.distrust(confidence, disparity)
+    # One pass will do for a map that only says which views see what.
+    first = edges.settle(disparity, workers, passes=1)
+    for index in decoder.recount(first, workers):
+        report(len(planes) + index + 1)
+    if method.gloss:
+        decoder.replace_glossy(workers)
+    disparity, confidence = decoder.decide(workers)
+    disparity = edges.settle(disparity, workers)
+    return disparity, edges.distrust(confidence, disparity)
+
+
+def _vote(
+    lf: LightField,
+    method: Method,
+    planes: NDArray[np.float64],
+    smoothing: GuidedFilter,
+    decoder: Decoder,
+    volumes: Volumes | None,
+    workers: Workers,
+    report: Callable[[int], None],
+) -> None:
+    """The loop over planes: vote, smooth, take note; the views' grey levels are let go of at its end."""
     occlusion = (
         SkipMask(method.skip, planes[0] - planes[1]) if method.occlusion == "skip-mask" else NoOcclusion()
     )
-    decoder = _decoder(lf, method, planes, smoothing)
-    passes = 2 if method.occlusion == "visibility" and method.decoder == "joint" else 1
     rule = VoteRule(method.delta, method.threshold, method.gradient)
     stack = stack_views(lf, float(np.abs(planes).max()))
     votes, evidence, smoothed = (np.empty(stack.size, np.float32) for _ in "123")
@@ -164,21 +199,7 @@ def _sweep(
         decoder.update(index, smoothed, workers)
         if volumes is not None:
             volumes.initial[index], volumes.smoothed[index] = quotient(votes, evidence), smoothed
-        if progress is not None:
-            progress(index + 1, len(planes) * passes)
-    disparity, confidence = decoder.decide(workers)
-    if method.occlusion != "visibility":
-        return disparity, confidence
-    edges = DepthEdges(lf, EdgeRule(passes=method.edge_passes))
-    # One pass will do for a map that only says which views see what.
-    disparity = edges.settle(disparity, workers, passes=1 if isinstance(decoder, JointEnergy) else None)
-    if isinstance(decoder, JointEnergy):
-        for index in decoder.recount(disparity, workers):
-            if progress is not None:
-                progress(len(planes) + index + 1, len(planes) * passes)
-        disparity, confidence = decoder.decide(workers)
-        disparity = edges.settle(disparity, workers)
-    return disparity, edges.distrust(confidence, disparity)
+        report(index + 1)
 
 
 def guide_image(lf: LightField, guide: str) -> NDArray[np.float32]:
@@ -188,8 +209,10 @@ def guide_image(lf: LightField, guide: str) -> NDArray[np.float32]:
     return (grey_levels(lf.reference).astype(np.float32) / np.float32(FULL_SCALE))[..., None]
 
 
-def _decoder(lf: LightField, method: Method, planes: NDArray[np.float64], smoothing: GuidedFilter) -> Decoder:
-    size = smoothing.guide.shape[:2]
+def _decoder(
+    lf: LightField, method: Method, planes: NDArray[np.float64], guide: NDArray[np.float32]
+) -> Decoder:
+    size = guide.shape[:2]
     if method.decoder == "accumulate":
         return Accumulate(planes, size)
     if method.decoder == "sfa":
@@ -198,7 +221,9 @@ def _decoder(lf: LightField, method: Method, planes: NDArray[np.float64], smooth
         photo_weight=method.photo_weight,
         slope_penalty=method.slope_penalty,
         jump_penalty=method.jump_penalty,
+        fit_radius=method.fit_radius,
     )
+    smoothing = GuidedFilter(guide, method.photo_radius, method.epsilon)
     return JointEnergy(lf, planes, smoothing, rule, stride=2 if method.occlusion == "visibility" else 1)
 
 

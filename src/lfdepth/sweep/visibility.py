@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfdepth.sweep.parallel import Workers
-from lfdepth.sweep.visibility_kernels import EMPTY, PARTS, SATURATED, splat_kernel
+from lfdepth.sweep.visibility_kernels import PARTS, SATURATED, splat_kernel
 
 MARGIN = 0.2
 """Surfaces count as nearer only if they are by more than this, px per view step."""
@@ -24,11 +24,13 @@ MARGIN = 0.2
 class NearestSurfaces:
     """Nearest disparity per view, and the map it comes from.
 
-    `data` is flat int16 in 1/`PARTS` px, laid out (V, H, U, row_length) with `margin` empty columns on either
-    side; `EMPTY` where no surface is known. Surfaces that the reference view does not see are unknown.
+    `data` is flat int16 in 1/`PARTS` px, laid out (V, U, H, row_length) with `margin` empty columns on either
+    side; `EMPTY` where no surface is known. Surfaces that the reference view does not see are unknown. `rows`
+    is the nearest of every row, (V, U, H), flat.
     """
 
     data: NDArray[np.int16]
+    rows: NDArray[np.int16]
     grid: tuple[int, int]
     margin: int
     row_length: int
@@ -45,10 +47,20 @@ class NearestSurfaces:
 
 
 def nearest_surfaces(
-    disparity: NDArray[np.float32], grid: tuple[int, int], margin: int, row_length: int, workers: Workers
+    disparity: NDArray[np.float32],
+    present: NDArray[np.bool_],
+    margin: int,
+    row_length: int,
+    workers: Workers,
+    spare: NDArray[np.int16] | None = None,
 ) -> NearestSurfaces:
-    """Splat a map (H, W) into every view of a grid, nearest wins; beyond ±32 px per view step all are one."""
-    height = disparity.shape[0]
-    data = np.full((grid[0], height, grid[1], row_length), EMPTY, np.int16)
-    workers.rows(grid[0] * grid[1], splat_kernel, disparity, data, margin)
-    return NearestSurfaces(data.reshape(-1), grid, margin, row_length, disparity)
+    """Splat a map (H, W) into the present views of a grid (V, U), nearest wins; others stay undefined.
+
+    Beyond ±32 px per view step all disparities are one. `spare` is `data` of a result no longer needed, to be
+    written over: fresh memory costs as much as the splats.
+    """
+    data = np.empty(present.size * disparity.shape[0] * row_length, np.int16) if spare is None else spare
+    levels = np.clip(disparity * np.float32(PARTS), -SATURATED, SATURATED).astype(np.int16)
+    rows = np.empty(present.size * disparity.shape[0], np.int16)
+    workers.rows(present.size, splat_kernel, disparity, levels, present, data, rows, margin, row_length)
+    return NearestSurfaces(data, rows, (present.shape[0], present.shape[1]), margin, row_length, disparity)
