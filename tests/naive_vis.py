@@ -260,7 +260,7 @@ def alike(position: Array, p: tuple[int, int], q: tuple[int, int]) -> bool:
 
 
 def fill_islands(position: Array, planes: int, largest: int) -> Array:
-    """Give islands at the first or last plane, one by one and row by row, the median of their shore."""
+    """Give islands at the first or last plane, one by one and row by row, the (lower) median of their shore."""
     out, filled = position.copy(), set[tuple[int, int]]()
     for start in np.ndindex(*position.shape):
         if start in filled or 0 < out[start] < planes - 1:
@@ -275,7 +275,7 @@ def fill_islands(position: Array, planes: int, largest: int) -> Array:
         shore = [out[q] for p in island for q in beside(p, out.shape) if not alike(out, p, q)]
         filled.update(island)
         for p in island:
-            out[p] = np.median(shore) if shore else out[p]
+            out[p] = sorted(shore)[(len(shore) - 1) // 2] if shore else out[p]
     return out
 
 

@@ -287,9 +287,9 @@ def test_the_end_of_a_slope_is_left() -> None:
 
 
 def test_the_shore_is_where_the_median_is_taken() -> None:
-    """Corners do not touch; of an even number the middle two count half each."""
+    """Corners do not touch; of an even number the lower one of the middle two counts."""
     position = np.array([[9, 3, 9], [5, 0, 6], [9, 8, 9]], np.float32)
-    assert filled(position)[1, 1] == 5.5
+    assert filled(position)[1, 1] == 5
 
 
 def test_a_map_that_is_one_island_is_left() -> None:

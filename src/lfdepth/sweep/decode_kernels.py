@@ -5,8 +5,10 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
+from lfdepth.compiling import KERNEL
 
-@nb.njit(nogil=True, cache=True)
+
+@nb.njit(**KERNEL)
 def sign_step_kernel(first_row, last_row, plane, smoothed, total, lowest, index, before, after):
     """Take plane `plane` into the running sums of rows [first_row, last_row)."""
     width = smoothed.shape[1]

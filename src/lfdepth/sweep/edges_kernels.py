@@ -5,6 +5,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
+from lfdepth.compiling import INNER, KERNEL
 from lfdepth.sweep.visibility_kernels import PARTS
 
 _REACH = 2  # px around a pixel in which the foreground's colour is looked for
@@ -17,7 +18,7 @@ _FEW_VIEWS = 3
 _SAME = np.float32(4)  # grey levels squared per channel: surfaces of one colour cannot be told apart
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**KERNEL)
 def sample(image, y, x, out):
     """Bilinear colour at (y, x), inside the image."""
     height, width, channels = image.shape
@@ -30,7 +31,7 @@ def sample(image, y, x, out):
         out[c] = upper + fy * (lower - upper)
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _two_surfaces(disparity, y, x):
     """Largest and smallest disparity among the pixel and its eight neighbours."""
     near = far = disparity[y, x]
@@ -40,7 +41,7 @@ def _two_surfaces(disparity, y, x):
     return near, far
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _is_edge(disparity, y, x, change, jump):
     """Whether a change within 3 × 3 pixels is a jump: within 5 × 5, a steep slope changes twice as far."""
     if change < jump:
@@ -53,7 +54,7 @@ def _is_edge(disparity, y, x, change, jump):
     return change >= _JUMP_SHARE * (near - far)
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _foreground_colour(disparity, reference, y, x, near, far, mean):
     """Weighted mean colour of near pixels around (y, x), into `mean`; returns weight and summed variance."""
     height, width, channels = reference.shape
@@ -84,7 +85,7 @@ def _foreground_colour(disparity, reference, y, x, near, far, mean):
     return total, max(variance, np.float32(0))
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _views_behind(views, present, nearest, margin, row_length, y, x, near, far, samples):
     """Colours at the far disparity in the views that see past the near surface; returns their number."""
     rows, columns, height, width = views.shape[:4]
@@ -105,7 +106,7 @@ def _views_behind(views, present, nearest, margin, row_length, y, x, near, far, 
     return count
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _background_colour(samples, count, mean):
     """Mean colour over views, into `mean`; returns the summed squared spread between views."""
     spread = np.float32(0)
@@ -123,7 +124,7 @@ def _background_colour(samples, count, mean):
     return spread
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _agreement(samples, count, own, threshold):
     """Share of samples whose mean absolute difference to the pixel's colour is below the threshold."""
     agree = 0
@@ -135,7 +136,7 @@ def _agreement(samples, count, own, threshold):
     return np.float32(agree) / np.float32(max(count, 1))
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _all_views(views, present, y, x, disparity, samples):
     """Colours at one disparity in all views but the reference; returns their number."""
     rows, columns, height, width = views.shape[:4]
@@ -152,7 +153,7 @@ def _all_views(views, present, y, x, disparity, samples):
     return count
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _squared_distance(a, b):
     total = np.float32(0)
     for c in range(a.size):
@@ -160,7 +161,7 @@ def _squared_distance(a, b):
     return total
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**KERNEL)
 def edge_kernel(
     first_row,
     last_row,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
+from lfdepth.compiling import INNER, KERNEL
 from lfdepth.sweep.photo_kernels import UNIT, photo_kernel
 
 RADIUS = 3
@@ -19,7 +20,7 @@ ALONG = 3
 _SIDE = 2 * RADIUS + 1
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _add_row(sums, row, start, sign):
     """Add a row's columns start − RADIUS, ... to sums down columns; beyond its ends the row repeats."""
     begin = min(max(RADIUS - start, 0), sums.size)
@@ -32,7 +33,7 @@ def _add_row(sums, row, start, sign):
         sums[i] += sign * np.int32(row[-1])
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _subtract_mean(out, row, sums, scale):
     """Levels less their window's mean; the area is odd, so no half has to be rounded."""
     area, share = np.int32(_SIDE * _SIDE), np.float32(1) / np.float32(_SIDE * _SIDE)
@@ -45,7 +46,7 @@ def _subtract_mean(out, row, sums, scale):
         out[x] = np.uint16(min(max(change + middle, np.float32(0)), white))
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**KERNEL)
 def high_pass_kernel(first, last, views, data, margin, width, corner, out):
     """High-pass views [first, last) of a list, in a window whose upper left pixel is `corner`.
 
@@ -72,7 +73,7 @@ def high_pass_kernel(first, last, views, data, margin, width, corner, out):
                 _add_row(sums, image[max(top + y - RADIUS, 0)], start, np.int32(-1))
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**KERNEL)
 def probe_kernel(first, last, rows, peaks, shares, arguments):
     """Raise peaks[i] to one plane's shares in row rows[i], smoothed along the row, for i in [first, last).
 
@@ -91,7 +92,7 @@ def probe_kernel(first, last, rows, peaks, shares, arguments):
             total -= row[max(x - ALONG, 0)]
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**KERNEL)
 def label_kernel(mask, length, labels):
     """Number the regions of a mask from 1 on, in `labels`, which is zero.
 

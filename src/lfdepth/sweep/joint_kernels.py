@@ -5,6 +5,8 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
+from lfdepth.compiling import INNER, KERNEL
+
 SCALE = 2000
 """Integer energies per unit. Energies are cut at 2 above a pixel's least, so four paths fit 16 bits."""
 
@@ -14,7 +16,7 @@ _FAR = np.int16(32000)
 _ALIKE = np.float32(2)  # planes within which neighbours belong to one island
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**KERNEL)
 def store_signs_kernel(first_row, last_row, step, smoothed, running, lowest, signs):
     """Keep one plane of the sign profile's energy, and its running sum and minimum."""
     half = np.float32(0.5) * step
@@ -27,7 +29,7 @@ def store_signs_kernel(first_row, last_row, step, smoothed, running, lowest, sig
             lowest[y, x] = min(lowest[y, x], total)
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**KERNEL)
 def store_photo_kernel(first_row, last_row, share, levels):
     """Keep one plane of photo-consistency in 1/255."""
     for y in range(first_row, last_row):
@@ -36,7 +38,7 @@ def store_photo_kernel(first_row, last_row, share, levels):
             levels[y, x] = np.uint8(inside * np.float32(_LEVELS) + np.float32(0.5))
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**KERNEL)
 def energy_kernel(first_row, last_row, signs, shares, weight, energy):
     """Joint energies above the pixel's least, as whole numbers, planes innermost."""
     planes, _, width = signs.shape
@@ -54,7 +56,7 @@ def energy_kernel(first_row, last_row, signs, shares, weight, energy):
                 energy[y, x, k] = np.int16(min((row[k, x] - least[x]) * np.float32(SCALE), _CUT))
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _edge_weight(guide, y, x, other_y, other_x, sharpness, noise):
     change = np.float32(0)
     for c in range(guide.shape[2]):
@@ -62,7 +64,7 @@ def _edge_weight(guide, y, x, other_y, other_x, sharpness, noise):
     return np.exp(-sharpness * max(change - noise, np.float32(0)))
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _advance(path, spare, energy, total, slope, jump):
     """One step along a path: `path[1:-1]` becomes the cost of reaching each plane here, less its least."""
     count = energy.size
@@ -79,7 +81,7 @@ def _advance(path, spare, energy, total, slope, jump):
         total[k] = np.int16(total[k] + spare[k])
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _start(path, energy, total):
     path[0] = _FAR
     path[-1] = _FAR
@@ -88,7 +90,7 @@ def _start(path, energy, total):
         total[k] = np.int16(total[k] + energy[k])
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**KERNEL)
 def horizontal_kernel(first_row, last_row, energy, total, guide, slope, jump, sharpness, noise):
     """Paths from the left and from the right for rows [first_row, last_row)."""
     width, count = energy.shape[1:]
@@ -106,7 +108,7 @@ def horizontal_kernel(first_row, last_row, energy, total, guide, slope, jump, sh
                 )
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**KERNEL)
 def vertical_kernel(first_column, last_column, energy, total, guide, slope, jump, sharpness, noise):
     """Paths from above and from below for columns [first_column, last_column)."""
     height, _, count = energy.shape
@@ -126,7 +128,7 @@ def vertical_kernel(first_column, last_column, energy, total, guide, slope, jump
                 )
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**KERNEL)
 def decode_kernel(first_row, last_row, total, position):
     """Plane of least total, between planes by a parabola."""
     width, count = total.shape[1:]
@@ -145,14 +147,14 @@ def decode_kernel(first_row, last_row, total, position):
             position[y, x] = np.float32(best) + offset
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _neighbour(pixel, side, height, width):
     """Pixel above, below, left or right of a pixel, counted row by row; −1 outside."""
     y, x = pixel // width + (-1, 1, 0, 0)[side], pixel % width + (0, 0, -1, 1)[side]
     return y * width + x if 0 <= y < height and 0 <= x < width else -1
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _grow(flat, seen, island, height, width):
     """Grow an island from its first pixel over alike neighbours until it fills `island`; returns its size."""
     size, done = 1, 0
@@ -170,7 +172,19 @@ def _grow(flat, seen, island, height, width):
     return size
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
+def _middle(values, count):
+    """Median of the first few values, the lower one of two; sorts them."""
+    for i in range(1, count):
+        value, j = values[i], i
+        while j > 0 and values[j - 1] > value:
+            values[j] = values[j - 1]
+            j -= 1
+        values[j] = value
+    return values[(count - 1) // 2]
+
+
+@nb.njit(**KERNEL)
 def fill_islands_kernel(position, planes, largest):
     """Fill islands of at most `largest` pixels at the first or last plane by the median around them.
 
@@ -198,6 +212,6 @@ def fill_islands_kernel(position, planes, largest):
                     shore[count] = flat[other]
                     count += 1
         if count > 0:
-            fill = np.median(shore[:count])
+            fill = _middle(shore, count)
             for i in range(size):
                 flat[island[i]] = fill

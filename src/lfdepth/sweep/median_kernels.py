@@ -10,6 +10,8 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
+from lfdepth.compiling import INNER, KERNEL
+
 WEIGHT_UNIT = 1 << 20
 """Weight of a pixel like the centre. Whole weights make sums exact, whatever order they are added in."""
 
@@ -19,7 +21,7 @@ BLOCK = 128
 _LARGEST_EXPONENT = np.float32(30)
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _distances(exponents, guide, here, there):
     """Add the squared differences of two rows of one channel."""
     for x in range(exponents.size):
@@ -27,7 +29,7 @@ def _distances(exponents, guide, here, there):
         exponents[x] += difference * difference
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _weigh(weights, start, exponents, scale, offset, prior, there):
     """Whole weights `prior · 2^−(scale·exponents + offset)`.
 
@@ -48,13 +50,13 @@ def _weigh(weights, start, exponents, scale, offset, prior, there):
         weights[start + np.uintp(x)] = np.int32(weight * np.float32(WEIGHT_UNIT) + np.float32(0.5))
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _copy(out, start, source, there, size):
     for x in range(np.uintp(size)):
         out[start + x] = source[there + x]
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _exchange(values, weights, low, high, size):
     """Put two rows of values in order, pixel by pixel; weights follow."""
     for x in range(np.uintp(size)):
@@ -67,20 +69,20 @@ def _exchange(values, weights, low, high, size):
         weights[high + x] = v if swap else w
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _add(total, weights, start):
     for x in range(total.size):
         total[x] = np.int32(total[x] + weights[start + np.uintp(x)])
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _halve(total):
     """The smallest whole number that is at least half."""
     for x in range(total.size):
         total[x] = np.int32((total[x] + np.int32(1)) >> np.int32(1))
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _pass(out, half, values, weights, start):
     """Take the next value where half the weight is not reached before it; `half` is what is left to reach."""
     for x in range(out.size):
@@ -89,7 +91,7 @@ def _pass(out, half, values, weights, start):
         half[x] = np.int32(half[x] - weights[at])
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**KERNEL)
 def median_kernel(first_row, last_row, out, image, guide, prior, offsets, network, scale):
     """Weighted medians of rows [first_row, last_row).
 

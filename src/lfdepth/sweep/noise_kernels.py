@@ -5,10 +5,11 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
+from lfdepth.compiling import KERNEL
 from lfdepth.sweep.edges_kernels import sample
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**KERNEL)
 def residual_kernel(views, present, rows, columns, planes, least):
     """Least mean absolute difference over planes between the reference view and the others, per pixel."""
     grid_rows, grid_columns, height, width, channels = views.shape

@@ -12,6 +12,8 @@ import math
 import numba as nb
 import numpy as np
 
+from lfdepth.compiling import INNER, KERNEL
+
 UNIT = 128
 """Sum of the four bilinear weights, parts of a pixel that shifts are rounded to, and of an 8-bit level."""
 
@@ -23,7 +25,7 @@ _ONE = np.uintp(1)
 _SHIFT, _HALF, _PART = np.uint16(7), np.uint16(64), np.uint16(127)  # of a sum with weights in 1/UNIT
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _interpolate_bytes(out, start, size, source, upper, lower, w00, w01, w10, w11):
     """Levels in 1/UNIT of an 8-bit level, from levels."""
     for x in range(size):
@@ -35,7 +37,7 @@ def _interpolate_bytes(out, start, size, source, upper, lower, w00, w01, w10, w1
         )
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _interpolate_words(out, start, size, source, upper, lower, w00, w01, w10, w11):
     """Levels in 1/UNIT of an 8-bit level, from the same; halves are rounded up.
 
@@ -51,7 +53,7 @@ def _interpolate_words(out, start, size, source, upper, lower, w00, w01, w10, w1
         out[start + x] = np.int16(whole + (part >> _SHIFT))
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _interpolate(out, channels, source, upper, lower, length, w00, w01, w10, w11):
     """All channels of one view's row, side by side in `out`."""
     size = np.uintp(out.size // channels)
@@ -63,20 +65,20 @@ def _interpolate(out, channels, source, upper, lower, length, w00, w01, w10, w11
             _interpolate_words(out, start, size, source, upper + step, lower + step, w00, w01, w10, w11)
 
 
-@nb.njit(nogil=True, cache=True, inline="always")
+@nb.njit(**INNER, inline="always")
 def _distance(a, b):
     """Distance of two levels; neither exceeds 15 bits."""
     return np.uint16(max(a, b) - min(a, b))
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _count_grey(votes, bounds, levels, reference):
     """Count one view where its difference to the reference view's row is below the bound."""
     for x in range(votes.size):
         votes[x] = np.int16(votes[x] + np.int16(_distance(levels[x], reference[x]) < bounds[x]))
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _count_colour(votes, bounds, levels, reference):
     """Count one view where its differences to the reference view's row, summed over RGB, are below the bound.
 
@@ -93,20 +95,27 @@ def _count_colour(votes, bounds, levels, reference):
         votes[x] = np.int16(votes[x] + np.int16(blue < left))
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
+def _clear(votes, seen):
+    for x in range(votes.size):
+        votes[x] = 0
+        seen[x] = 0
+
+
+@nb.njit(**INNER)
 def _integer_bounds(bounds, thresholds, scale):
     """Smallest whole sums over channels that no longer count: 16 bits, as thresholds are at most a half."""
     for x in range(thresholds.size):
         bounds[x] = np.uint16(math.ceil(np.float64(thresholds[x]) * scale))
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _share(out, votes, possible):
     for x in range(out.size):
         out[x] = np.float32(votes[x]) / possible
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _visible_share(out, votes, seen, everywhere, possible):
     """Share of the views that see the plane; a few of all views at least, or single views would decide.
 
@@ -117,14 +126,14 @@ def _visible_share(out, votes, seen, everywhere, possible):
         out[x] = np.float32(votes[x]) / max(np.float32(seen[x]) + more, least)
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _horizons(horizons, front, horizon):
     """Nearest surface with which a pixel still sees the plane: any, where it lies in front itself."""
-    for x in range(front.size):
-        horizons[x] = np.int16(32767) if front[x] != 0 else horizon
+    for x in range(horizons.size):
+        horizons[x] = np.int16(32767) if x < front.size and front[x] != 0 else horizon
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _count_visible_colour(votes, seen, bounds, levels, reference, horizons, nearest, start):
     """As `_count_colour`, and at once as `_add_visible`."""
     size = np.uintp(votes.size)
@@ -139,7 +148,7 @@ def _count_visible_colour(votes, seen, bounds, levels, reference, horizons, near
         votes[x] = np.int16(votes[x] + np.int16(sees & (blue < left)))
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _add_visible(votes, seen, agrees, horizons, nearest, start):
     """Count one view where it sees the plane; clears `agrees`."""
     for x in range(np.uintp(votes.size)):
@@ -149,7 +158,7 @@ def _add_visible(votes, seen, agrees, horizons, nearest, start):
         agrees[x] = 0
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**KERNEL)
 def photo_kernel(
     first_row, last_row, out, thresholds, data, shape, down, across, weights, present, visibility, masked
 ):
@@ -165,7 +174,7 @@ def photo_kernel(
     possible, scale = np.float32(present.sum()), np.float64(channels * WHITE)
     width = length - 2 * margin
     votes, seen = np.empty((_BLOCK, width), np.int16), np.empty((_BLOCK, width), np.int16)
-    horizons, everywhere = np.full((_BLOCK, width), horizon16), np.empty(_BLOCK, np.int64)
+    horizons, everywhere = np.empty((_BLOCK, width), np.int16), np.empty(_BLOCK, np.int64)
     bounds, agrees = np.zeros((_BLOCK, width), np.uint16), np.zeros(width, np.int16)
     reference, levels = np.empty((_BLOCK, channels * width), np.int16), np.empty(channels * width, np.int16)
     row_size = channels * length
@@ -177,11 +186,10 @@ def photo_kernel(
             start = np.uintp((view + begin + i) * row_size + margin)
             _interpolate(reference[i], channels, data, start, start, length, one, none, none, none)
             _integer_bounds(bounds[i], thresholds[begin + i], scale)
+            _clear(votes[i], seen[i])
+            everywhere[i] = 0
             if masked:
                 _horizons(horizons[i], front[begin + i], horizon16)
-        votes[:] = 0
-        seen[:] = 0
-        everywhere[:] = 0
         for v in range(rows):
             for u in range(columns):
                 if not present[v, u]:

@@ -18,28 +18,30 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
+from lfdepth.compiling import INNER, KERNEL
+
 _NONE, _ONE, _TWO = np.uintp(0), np.uintp(1), np.uintp(2)
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _clear(ring, start, length):
     for x in range(np.uintp(length)):
         ring[start + x] = 0
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _copy(ring, new, image, start, width):
     for x in range(np.uintp(width)):
         ring[new + x] = image[start + x]
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _multiply(ring, new, image, start, guide, factor, width):
     for x in range(np.uintp(width)):
         ring[new + x] = image[start + x] * guide[factor + x]
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _turn_block(ring, height, length):
     """Replace the rows of a full block by the sums from each row to the block's end."""
     for row in range(height - 2, 0, -1):
@@ -48,7 +50,7 @@ def _turn_block(ring, height, length):
             ring[here + x] += ring[below + x]
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _add_row(sums, ring, new, end, begun, length):
     """Sums of the window that the row at `new` completes: the end of one block, the beginning of the next."""
     for x in range(np.uintp(length)):
@@ -57,7 +59,7 @@ def _add_row(sums, ring, new, end, begun, length):
         sums[x] = total + ring[end + x]
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _column_sums(sums, ring, begun, row, height, length):
     """Sums over the `height` rows that end at `row`, which has just been put into its place in the ring.
 
@@ -71,26 +73,26 @@ def _column_sums(sums, ring, begun, row, height, length):
         _turn_block(ring, height, length)
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _sum_four(out, row, step, length):
     twice = step + step
     for x in range(np.uintp(length)):
         out[x] = (row[x] + row[x + step]) + (row[x + twice] + row[x + twice + step])
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _add_one(out, row, first, length):
     for x in range(np.uintp(length)):
         out[x] += row[x + first]
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _add_two(out, row, first, second, length):
     for x in range(np.uintp(length)):
         out[x] += row[x + first] + row[x + second]
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _window_sums(sums, scratch, window, length):
     """Replace each value by the sum of the `window` values from it on; `window` is odd.
 
@@ -119,7 +121,7 @@ def _window_sums(sums, scratch, window, length):
         step *= 4
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _fit_grey(fit, new, sums, length, share, shares, stats, start, width):
     """Linear fits of one row's windows: offset and slope, `length` apart."""
     size, slope = np.uintp(width), new + np.uintp(length)
@@ -132,7 +134,7 @@ def _fit_grey(fit, new, sums, length, share, shares, stats, start, width):
         fit[slope + x] = a
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _fit_colour(fit, new, sums, length, share, shares, stats, start, width):
     """Linear fits of one row's windows: offset and three slopes, `length` apart.
 
@@ -161,14 +163,14 @@ def _fit_colour(fit, new, sums, length, share, shares, stats, start, width):
         fit[new + third + x] = a2
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _apply_grey(out, sums, length, share, shares, guide, start, width):
     step = np.uintp(length)
     for x in range(np.uintp(width)):
         out[x] = shares[x] * share * (sums[x] + sums[step + x] * guide[start + x])
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _apply_colour(out, sums, length, share, shares, guide, start, width):
     """Mean of the fits, applied to one row of the guide."""
     size, step = np.uintp(width), np.uintp(length)
@@ -178,7 +180,7 @@ def _apply_colour(out, sums, length, share, shares, guide, start, width):
         out[x] = shares[x] * share * (sums[x] + slopes + sums[third + x] * guide[b + x])
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _bounded_quotient(out, numerator, denominator):
     """Quotient within [−1, 1]; the filter overshoots, so small denominators are kept off zero."""
     for x in range(out.size):
@@ -186,7 +188,7 @@ def _bounded_quotient(out, numerator, denominator):
         out[x] = min(max(ratio, np.float32(-1)), np.float32(1))
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**KERNEL)
 def smooth_kernel(
     first_row, last_row, out, numerator, denominator, divide, guide, stats, shares, shape, radius
 ):

@@ -9,12 +9,14 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
+from lfdepth.compiling import INNER, KERNEL
+
 _REACH = np.float32(1.5)  # planes that a parabola's vertex may lie from the plane it was looked for at
 _FLAT = np.float32(1e-4)  # energy per plane² below which a parabola has no vertex
 _MOMENTS = 9
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**KERNEL)
 def minima_kernel(first_row, last_row, signs, shares, weight, position, prior, target, strength):
     """Minimum of each pixel's own energy beside `position`, drawn to it by `prior`; and its sharpness.
 
@@ -42,7 +44,7 @@ def minima_kernel(first_row, last_row, signs, shares, weight, position, prior, t
             target[y, x] = (curvature * vertex + prior * position[y, x]) / (curvature + prior)
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _colour_change(change, guide, here, there, size, channels, plane):
     for x in range(size):
         change[x] = 0
@@ -52,7 +54,7 @@ def _colour_change(change, guide, here, there, size, channels, plane):
             change[x] += abs(guide[other + x] - guide[own + x])
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _add_neighbour(sums, start, row, change, position, target, strength, here, there, size, tap):
     """Add one neighbour of a row's pixels to their nine sums, `row` apart.
 
@@ -83,7 +85,7 @@ def _add_neighbour(sums, start, row, change, position, target, strength, here, t
         sums[s8 + x] += moved * dy
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _solve(out, sums, row, position, here, ridge):
     """The fitted planes' heights at their own pixels, by Cramer's rule."""
     for x in range(row):
@@ -94,7 +96,7 @@ def _solve(out, sums, row, position, here, ridge):
         out[x] = position[here + x] + moved / (a * first + b * second + c * third)
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**KERNEL)
 def fit_kernel(
     first_row, last_row, position, target, strength, guide, shape, window, gate, sharpness, ridge, out
 ):

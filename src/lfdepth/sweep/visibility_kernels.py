@@ -5,6 +5,8 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
+from lfdepth.compiling import INNER, KERNEL
+
 PARTS = 1000
 """Parts of a px per view step in which disparities are kept."""
 
@@ -15,13 +17,13 @@ EMPTY = -32768
 """Where no surface is known."""
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _clear(nearest, start, size):
     for x in range(np.uintp(size)):
         nearest[start + x] = EMPTY
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _greatest(values, start, size):
     greatest = np.int16(EMPTY)
     for x in range(np.uintp(size)):
@@ -29,7 +31,7 @@ def _greatest(values, start, size):
     return greatest
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _places(places, disparity, y, dv, du, height, stride):
     """Where a row's pixels fall in one view, rows `stride` apart; −1 outside."""
     width = disparity.size
@@ -41,7 +43,7 @@ def _places(places, disparity, y, dv, du, height, stride):
         places[x] = to_y * np.int32(stride) + to_x if inside else np.int32(-1)
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**KERNEL)
 def splat_kernel(first, last, disparity, levels, present, nearest, row_nearest, margin, row_length):
     """Splat `levels` into the present ones of views [first, last), counted row by row; nearest wins.
 

@@ -17,6 +17,7 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
+from lfdepth.compiling import INNER, KERNEL
 from lfdepth.sweep.reparam import PAD, UNIT
 
 BLOCK = 32
@@ -50,13 +51,13 @@ def _prefetch(_context, array, index):
     return types.void(array, index), generate
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**KERNEL)
 def row_length(width):
     """Length of a row in the ring: the image's width in whole blocks, and a pad on both sides."""
     return (width + BLOCK - 1) // BLOCK * BLOCK + 2 * PAD
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**KERNEL)
 def fill_ring(ring, row, data, shape, down, across, weights, present, ahead):
     """Interpolate image row `row` (clamped to the image) of every view into its slot of the ring.
 
@@ -95,7 +96,7 @@ def fill_ring(ring, row, data, shape, down, across, weights, present, ahead):
             ring[start + np.uintp(width)] = ring[start + np.uintp(width - 1)]
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _row_offsets(row, v, u, present, length):
     """Ring offsets of the seven rows one view's votes need, and its number of angular axes.
 
@@ -120,7 +121,7 @@ def _row_offsets(row, v, u, present, length):
     )
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _photo_bounds(low, high, ring, start, tolerance):
     """Levels within `tolerance` of the reference view's row: what "photo" accepts."""
     for x in range(low.size):
@@ -129,7 +130,7 @@ def _photo_bounds(low, high, ring, start, tolerance):
         high[x] = np.int16(min(level + tolerance, _HIGHEST))
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _count_views(present):
     count = 0
     for v in range(present.shape[0]):
@@ -138,7 +139,7 @@ def _count_views(present):
     return count
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _view_offsets(present, length):
     """`_row_offsets` of every view that is there, for rows y with y % 3 = 0, 1 and 2: (3, views, 8)."""
     table = np.empty((3, _count_views(present), 8), np.uintp)
@@ -154,7 +155,7 @@ def _view_offsets(present, length):
     return table
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _count_axes(table):
     """Number of votes a pixel has when every view counts."""
     count = 0
@@ -163,7 +164,7 @@ def _count_axes(table):
     return count
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _offsets(table, phase, view):
     return (
         table[phase, view, 0],
@@ -176,7 +177,7 @@ def _offsets(table, phase, view):
     )
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _mask_offsets(present, placing, length, reach):
     """Offset, from the start of row y in the padded mask, at which every view samples it, and its weights."""
     down, across, weights = placing
@@ -193,14 +194,14 @@ def _mask_offsets(present, placing, length, reach):
     return offsets, kept
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _signum(a, b, one):
     """Sign of a − b. `one` is 1, but not known to LLVM, which would make slower comparisons of the bounds."""
     difference = np.int16(min(max(np.int32(a) - np.int32(b), np.int32(_LOWEST)), np.int32(_HIGHEST)))
     return min(max(difference, np.int16(-one)), one)
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _count_plain(sums, levels, phase, one, first, last):
     """Count the central-difference votes of all views on columns [first, last).
 
@@ -226,12 +227,12 @@ def _count_plain(sums, levels, phase, one, first, last):
             weight[x] = np.int16(weight[x] + (axes & inside))
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _sign(a, b):
     return np.int16(a > b) - np.int16(a < b)
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _central_signs(xu, yv, ring, table, phase, view):
     """One view's signs S_xu, S_yv from central differences."""
     here, above, below, west, east, north, south = _offsets(table, phase, view)
@@ -242,7 +243,7 @@ def _central_signs(xu, yv, ring, table, phase, view):
         yv[x] = np.int16(_sign(ring[below + x], ring[above + x]) * angular_v)
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _sobel_signs(xu, yv, ring, table, phase, view):
     """One view's signs S_xu, S_yv from 3×3 Sobel gradients."""
     here, above, below, west, east, north, south = _offsets(table, phase, view)
@@ -257,7 +258,7 @@ def _sobel_signs(xu, yv, ring, table, phase, view):
         yv[x] = np.int16(_sign(sw + 2 * down + se, nw + 2 * up + ne) * angular_v)
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _count_weighted(votes, weight, xu, yv, ring, here, axes, low, high, signs_agree, share):
     """Add one view's votes, each times `share` (0…`UNIT`)."""
     # With one angular axis there is no second sign to disagree.
@@ -270,7 +271,7 @@ def _count_weighted(votes, weight, xu, yv, ring, here, axes, low, high, signs_ag
         weight[x] += np.int32(np.int16(part * axes))
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _count_masked(sums, levels, phase, one, masks, y, first, last):
     """Count the central-difference votes of all views, each times its view's share in the mask (eq. 4-5).
 
@@ -309,7 +310,7 @@ def _count_masked(sums, levels, phase, one, masks, y, first, last):
             weight[x] = np.int16(weight[x] + np.int16(share * axes))
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _clear(sums, value):
     votes, weight = sums
     for x in range(votes.size):
@@ -317,13 +318,13 @@ def _clear(sums, value):
         weight[x] = value
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _scale(out, total, factor, first, last):
     for x in range(np.uintp(first), np.uintp(last)):
         out[x] = np.float32(total[x]) * factor
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _count_general(sums, scratch, levels, phase, options, masks, y):
     """Sums of all views' votes and weights on row y, in 1/UNIT, with any options and a mask or none."""
     sobel, signs_agree, masked = options
@@ -343,7 +344,7 @@ def _count_general(sums, scratch, levels, phase, options, masks, y):
         _count_weighted(votes, weight, xu, yv, ring, here, axes, low, high, signs_agree, share)
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _mask_share(share, masks, y, view):
     """Weight of one view's votes (eq. 4-5): its mask where the reference is foreground, else the rest."""
     mask, length, own, sampled, weights = masks
@@ -361,13 +362,13 @@ def _mask_share(share, masks, y, view):
         share[x] = foreground if mask[own + x] != 0 else np.int16(UNIT - foreground)
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _add_mask_row(count, mask, start, sign):
     for x in range(np.uintp(count.size)):
         count[x] = np.int16(count[x] + mask[np.uintp(start) + x] * sign)
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _all_equal(row, value, first, last):
     different = 0
     for x in range(np.uintp(first), np.uintp(last)):
@@ -375,7 +376,7 @@ def _all_equal(row, value, first, last):
     return different == 0
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**INNER)
 def _mark_mixed(mixed, count, reach):
     """Mark the blocks of a row in which the views' masks can differ from the reference's.
 
@@ -394,7 +395,7 @@ def _mark_mixed(mixed, count, reach):
             latest = block
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**KERNEL)
 def vote_kernel(
     first_row,
     last_row,
@@ -476,7 +477,7 @@ def vote_kernel(
             _scale(evidence[y], sums[1], factor, first, min(last, width))
 
 
-@nb.njit(nogil=True, cache=True)
+@nb.njit(**KERNEL)
 def sign_kernel(first_row, last_row, signs_xu, signs_yv, data, shape, down, across, weights, present, sobel):
     """Signs of all views, each (V, U, H, W), for rows [first_row, last_row)."""
     rows, columns, _, width = shape[:4]
