@@ -64,9 +64,7 @@ def thresholds(views: Array, noise_level: float = 0.0) -> Array:
     slope, low, high = THRESHOLDS
     if noise_level > 2 * low:
         low = min(noise_level - low, HIGHEST_THRESHOLD)
-    return np.asarray(
-        naive_photo.local_thresholds(reference(views), slope, low, max(low, high)), np.float32
-    )
+    return np.asarray(naive_photo.local_thresholds(reference(views), slope, low, max(low, high)), np.float32)
 
 
 def ramp(values: Array, low: float, high: float) -> Array:
@@ -260,7 +258,7 @@ def alike(position: Array, p: tuple[int, int], q: tuple[int, int]) -> bool:
 
 
 def fill_islands(position: Array, planes: int, largest: int) -> Array:
-    """Give islands at the first or last plane, one by one and row by row, the (lower) median of their shore."""
+    """Give islands at the first or last plane, row by row, the (lower) median of their shore."""
     out, filled = position.copy(), set[tuple[int, int]]()
     for start in np.ndindex(*position.shape):
         if start in filled or 0 < out[start] < planes - 1:
