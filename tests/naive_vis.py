@@ -335,6 +335,22 @@ def fit_surfaces(position: Array, energy: Array, guide: Array, step: float, radi
         target[p], strength[p] = own_minimum(energy[p], float(position[p]), prior)
     for p in np.ndindex(*position.shape):
         out[p] = fit_plane(position, target, strength, guide, step, radius, (p[0], p[1]))
+    return evened(out, guide, step)
+
+
+def evened(position: Array, guide: Array, step: float) -> Array:
+    """Binomial mean of 3 × 3 pixels; of pairs of opposite neighbours, either both take part or none does."""
+    gate = max(surface._GATE / step, FEWEST_PLANES_SLOPE)
+    out = position.copy()
+    for y, x in np.ndindex(*position.shape):
+        for dy, dx, weight in ((0, 1, 2), (1, 0, 2), (1, 1, 1), (1, -1, 1)):
+            pair = ((y - dy, x - dx), (y + dy, x + dx))
+            if any(not (0 <= a < position.shape[0] and 0 <= b < position.shape[1]) for a, b in pair):
+                continue
+            moves = [float(position[q] - position[y, x]) for q in pair]
+            if max(map(abs, moves)) <= gate:
+                like = min(likeness(colour_change(guide, (y, x), q)) for q in pair)
+                out[y, x] += weight * like * sum(moves) / 16
     return out
 
 

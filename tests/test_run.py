@@ -249,6 +249,8 @@ def test_an_area_without_texture_gets_one_disparity_and_no_confidence(name: str)
         ({"fit_radius": 7}, "fit_radius: found 7"),
         ({"fit_radius": 52}, "fit_radius: found 52"),
         ({"edge_passes": -1}, "edge_passes: found -1"),
+        ({"edge_passes": 2.5}, "edge_passes: found 2.5"),
+        ({"photo_radius": 0}, "photo_radius: found 0"),
         ({"threads": 0}, "threads: found"),
         ({"stepsize": 0.1}, "option: found 'stepsize'"),
         ({"preset": "paper"}, "preset: found 'paper'"),

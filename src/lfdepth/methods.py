@@ -106,6 +106,10 @@ class Method:
             found = getattr(self, field)
             if not 0 <= found <= 100:
                 raise LightFieldError(f"{field}: found {found}, expected a number from 0 to 100")
+        if self.photo_radius < 1:
+            raise LightFieldError(f"photo_radius: found {self.photo_radius}, expected at least 1 px")
+        if self.edge_passes != int(self.edge_passes):
+            raise LightFieldError(f"edge_passes: found {self.edge_passes:g}, expected a whole number")
         if not 0 <= self.fit_radius <= 50 or self.fit_radius % 2 != 0:
             raise LightFieldError(
                 f"fit_radius: found {self.fit_radius}, expected an even number of px from 0 to 50"

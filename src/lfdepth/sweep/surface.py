@@ -5,7 +5,8 @@ energy, on which no neighbour has a say, has its minimum where the surface is, a
 the sharper it is. So the minimum is looked for beside the plane that the paths chose, and a plane is fitted
 to the minima around a pixel, weighted by their sharpness, by likeness of colour, and by distance; minima of
 another surface, further away than a few planes, do not count. What has no texture keeps its paths'
-disparity, which stands in with a weight of its own (`_PRIOR`).
+disparity, which stands in with a weight of its own (`_PRIOR`). As only every other pixel takes part in a fit,
+a last mean over neighbours makes the lattices of even and odd pixels agree.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfdepth.sweep.parallel import Workers
-from lfdepth.sweep.surface_kernels import fit_kernel, minima_kernel
+from lfdepth.sweep.surface_kernels import even_kernel, fit_kernel, minima_kernel
 
 SPACING = 2
 """Every other pixel of every other row takes part in a fit."""
@@ -55,20 +56,23 @@ def fit_surfaces(
     (H, W) places in planes from the first.
     """
     target, strength, fitted = (np.empty_like(position) for _ in "123")
-    prior = np.float32(_PRIOR * step**2)
-    workers.rows(len(position), minima_kernel, *energy, position, prior, target, strength)
+    height, prior = len(position), np.float32(_PRIOR * step**2)
+    gate, sharpness = np.float32(max(_GATE / step, 1.5)), np.float32(_SHARPNESS)
+    planar = np.ascontiguousarray(np.moveaxis(guide, 2, 0), np.float32).reshape(-1)
+    workers.rows(height, minima_kernel, *energy, position, prior, target, strength)
     workers.rows(
-        len(position),
+        height,
         fit_kernel,
         position.reshape(-1),
         target.reshape(-1),
         strength.reshape(-1),
-        np.ascontiguousarray(np.moveaxis(guide, 2, 0), np.float32).reshape(-1),
+        planar,
         guide.shape,
         (radius, SPACING),
-        np.float32(max(_GATE / step, 1.5)),
-        np.float32(_SHARPNESS),
+        gate,
+        sharpness,
         np.float32(_RIDGE * step**2 * SPACING**2),
         fitted,
     )
-    return fitted
+    workers.rows(height, even_kernel, fitted.reshape(-1), planar, guide.shape, gate, sharpness, target)
+    return target
