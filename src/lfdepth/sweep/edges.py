@@ -85,6 +85,7 @@ class DepthEdges:
         self._found[:] = False
         for count in range(self.rule.passes if passes is None else min(passes, self.rule.passes)):
             settled = self._move_edges(settled, workers, 1.0 if count < _SURE_PASSES else _LATE)
+        self._spare = None  # as large as the views
         return settled
 
     def distrust(
