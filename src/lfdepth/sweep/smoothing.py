@@ -32,8 +32,6 @@ class GuidedFilter:
         Window radius in px: windows are (2·radius + 1)² pixels; at least 1.
     epsilon
         Regularisation, in the guide's squared units (ε); larger smooths across weaker edges.
-    threads
-        Threads for the statistics.
 
     Raises
     ------
