@@ -190,7 +190,7 @@ class JointEnergy:
         height, width = weight.shape
         energy = np.empty((height, width, len(signs)), np.int16)
         workers.rows(height, energy_kernel, signs, photo, weight, energy)
-        total = np.zeros_like(energy)
+        total = np.zeros(energy.shape, energy.dtype)  # pages are cleared where threads touch them first
         for kernel, length in ((horizontal_kernel, height), (vertical_kernel, width)):
             workers.rows(
                 length,
