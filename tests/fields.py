@@ -132,3 +132,21 @@ def random_mask(rng: np.random.Generator, size: tuple[int, int]) -> Array:
     mask = (x > rng.uniform(0.2, 0.9) * width) & (y > rng.uniform(0, 0.6) * height)
     mask |= (x - rng.uniform(0, width)) ** 2 + (y - rng.uniform(0, height)) ** 2 < (0.2 * min(size)) ** 2
     return np.asarray(mask ^ (rng.random(size) < 0.002))
+
+
+RANGE = (-1.0, 1.2)
+"""Disparity range of `scene`."""
+
+
+def scene(
+    seed: int,
+    grid: tuple[int, int] = (5, 5),
+    size: tuple[int, int] = (44, 50),
+    channels: int = 3,
+    dtype: str = "uint8",
+    absent: bool = False,
+) -> LightField:
+    """A light field with a range, and with some views absent if asked for."""
+    rng = np.random.default_rng(seed)
+    present = random_present(rng, grid) if absent else None
+    return light_field(rng, grid, size, channels, dtype, present=present, disparity_range=RANGE)

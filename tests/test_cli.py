@@ -228,10 +228,7 @@ def test_refocus_sees_behind_the_foreground(
     tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    near_square(tmp_path / "scene")
-    near = np.full((SIZE, SIZE), -1, np.float32)
-    near[20:24, 20:24] = 1
-    write("map.pfm", near)
+    near_square(tmp_path)
     words = ["refocus", "scene", "--disparity", "-1", "-o", "through.png"]
     assert run(*words, "--without-foreground", "0", "--map", "map.pfm")[0] == 0
     assert (picture("through.png")[8:-8, 8:-8] == 200).all()
@@ -239,25 +236,26 @@ def test_refocus_sees_behind_the_foreground(
     assert picture("through.png")[22, 22].max() < 200
 
 
-def near_square(folder: Path) -> None:
-    """Folder of a grey wall at −1 behind a black square of 4×4 px at 1."""
-    folder.mkdir()
+def near_square(folder: Path) -> np.ndarray[Any, np.dtype[np.float32]]:
+    """A grey wall at −1 behind a black square of 4×4 px at 1: views in `scene`, disparities in `map.pfm`."""
+    near = np.full((SIZE, SIZE), -1, np.float32)
+    near[20:24, 20:24] = 1
+    write(folder / "map.pfm", near)
+    (folder / "scene").mkdir()
     for v in range(GRID):
         for u in range(GRID):
             view = np.full((SIZE, SIZE, 3), 200, np.uint8)
             y, x = 20 - (v - GRID // 2), 20 - (u - GRID // 2)
             view[y : y + 4, x : x + 4] = 0
-            Image.fromarray(view).save(folder / f"view_v{v:02d}_u{u:02d}.png")
+            Image.fromarray(view).save(folder / "scene" / f"view_v{v:02d}_u{u:02d}.png")
+    return near
 
 
 def test_masks_are_where_the_views_show_the_foreground(
     tmp_path: Path, run: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    near_square(tmp_path / "scene")
-    near = np.full((SIZE, SIZE), -1, np.float32)
-    near[20:24, 20:24] = 1
-    write("map.pfm", near)
+    near = near_square(tmp_path)
     words = ["mask", "scene", "--foreground-of", "0", "--map", "map.pfm", "--json"]
     status, out, err = run(*words, "-o", "masks")
     facts = json.loads(out)

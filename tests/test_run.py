@@ -8,29 +8,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-import fields
 import naive
+from fields import RANGE, scene
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
 from lfdepth.methods import NAMES, Method, method
 from lfdepth.sweep.run import Result, estimate
 from lfdepth.sweep.smoothing import GuidedFilter
 
-RANGE = (-1.0, 1.2)
 OPTIONS: dict[str, Any] = {"step": 0.1, "radius": 3, "epsilon": 1e-3}
-
-
-def scene(
-    seed: int = 1,
-    grid: tuple[int, int] = (5, 5),
-    size: tuple[int, int] = (44, 50),
-    channels: int = 3,
-    dtype: str = "uint8",
-    absent: bool = False,
-) -> LightField:
-    rng = np.random.default_rng(seed)
-    present = fields.random_present(rng, grid) if absent else None
-    return fields.light_field(rng, grid, size, channels, dtype, present=present, disparity_range=RANGE)
 
 
 def rule_of(lf: LightField, chosen: Method) -> dict[str, Any]:

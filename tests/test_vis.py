@@ -12,6 +12,7 @@ import pytest
 import fields
 import lfdepth
 import naive_vis
+from fields import RANGE, scene
 from lfdepth import scenes
 from lfdepth.evaluation import metrics
 from lfdepth.lightfield import LightField
@@ -20,21 +21,7 @@ from lfdepth.sweep.run import Result, estimate
 
 Array = fields.Array
 
-RANGE = (-1.0, 1.2)
 OPTIONS: dict[str, Any] = {"step": 0.13, "radius": 2, "epsilon": 1e-3, "fit_radius": 4}
-
-
-def scene(
-    seed: int,
-    grid: tuple[int, int] = (5, 5),
-    size: tuple[int, int] = (40, 44),
-    channels: int = 3,
-    dtype: str = "uint8",
-    absent: bool = False,
-) -> LightField:
-    rng = np.random.default_rng(seed)
-    present = fields.random_present(rng, grid) if absent else None
-    return fields.light_field(rng, grid, size, channels, dtype, present=present, disparity_range=RANGE)
 
 
 # Against the oracle
@@ -126,13 +113,14 @@ def test_a_scene_of_one_plane_gives_that_plane(disparity: float) -> None:
 
 def test_progress_counts_both_passes() -> None:
     seen: list[tuple[int, int]] = []
-    estimate(scene(12), "fbs-vis", progress=lambda done, total: seen.append((done, total)), **OPTIONS)
+    lf = scene(12, size=(40, 44))
+    estimate(lf, "fbs-vis", progress=lambda done, total: seen.append((done, total)), **OPTIONS)
     total = seen[0][1]
     assert seen == [(done, total) for done in range(1, total + 1)]
 
 
 def test_the_light_field_is_left_alone() -> None:
-    lf = scene(13)
+    lf = scene(13, size=(40, 44))
     before = lf.views.copy()
     lf.views.setflags(write=False)
     estimate(lf, "fbs-vis", **OPTIONS)
@@ -141,7 +129,7 @@ def test_the_light_field_is_left_alone() -> None:
 
 @pytest.mark.parametrize("planes", [2, 3, 5, 6])
 def test_few_planes_are_enough_to_run(planes: int) -> None:
-    result = estimate(scene(14), "fbs-vis", planes=planes)
+    result = estimate(scene(14, size=(40, 44)), "fbs-vis", planes=planes)
     assert np.isfinite(result.disparity).all()
     assert RANGE[0] <= result.disparity.min() <= result.disparity.max() <= np.float32(RANGE[1])
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from lfdepth.compiling import KERNEL
+from lfdepth.compilation import KERNEL
 
 
 @nb.njit(**KERNEL)

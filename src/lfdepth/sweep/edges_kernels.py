@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from lfdepth.compiling import INNER, KERNEL
+from lfdepth.compilation import INNER, KERNEL
 from lfdepth.sweep.visibility_kernels import PARTS
 
 _REACH = 2  # px around a pixel in which the foreground's colour is looked for

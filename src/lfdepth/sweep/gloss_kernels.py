@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from lfdepth.compiling import INNER, KERNEL
+from lfdepth.compilation import INNER, KERNEL
 from lfdepth.sweep.photo_kernels import UNIT, photo_kernel
 
 RADIUS = 3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from lfdepth.compiling import INNER, KERNEL
+from lfdepth.compilation import INNER, KERNEL
 
 SCALE = 2000
 """Integer energies per unit. Energies are cut at 2 above a pixel's least, so four paths fit 16 bits."""

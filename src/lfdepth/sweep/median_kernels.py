@@ -10,7 +10,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from lfdepth.compiling import INNER, KERNEL
+from lfdepth.compilation import INNER, KERNEL
 
 WEIGHT_UNIT = 1 << 20
 """Weight of a pixel like the centre. Whole weights make sums exact, whatever order they are added in."""

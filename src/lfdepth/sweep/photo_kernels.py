@@ -12,7 +12,7 @@ import math
 import numba as nb
 import numpy as np
 
-from lfdepth.compiling import INNER, KERNEL
+from lfdepth.compilation import INNER, KERNEL
 
 UNIT = 128
 """Sum of the four bilinear weights, parts of a pixel that shifts are rounded to, and of an 8-bit level."""
@@ -79,20 +79,25 @@ def _count_grey(votes, bounds, levels, reference):
 
 
 @nb.njit(**INNER)
-def _count_colour(votes, bounds, levels, reference):
-    """Count one view where its differences to the reference view's row, summed over RGB, are below the bound.
+def _agrees(bounds, levels, reference, x, size):
+    """Whether the differences to the reference view, summed over RGB, are below the bound.
 
     The sum of two differences fits 16 bits. That of three may not, so the third is compared with what the
     two leave of the bound.
     """
+    red = _distance(levels[x], reference[x])
+    green = _distance(levels[size + x], reference[size + x])
+    blue = _distance(levels[size + size + x], reference[size + size + x])
+    both = np.uint16(red + green)
+    return blue < np.uint16(max(bounds[x], both) - both)
+
+
+@nb.njit(**INNER)
+def _count_colour(votes, bounds, levels, reference):
+    """Count one view where it agrees with the reference view's row."""
     size = np.uintp(votes.size)
     for x in range(size):
-        red = _distance(levels[x], reference[x])
-        green = _distance(levels[size + x], reference[size + x])
-        blue = _distance(levels[size + size + x], reference[size + size + x])
-        both = np.uint16(red + green)
-        left = np.uint16(max(bounds[x], both) - both)
-        votes[x] = np.int16(votes[x] + np.int16(blue < left))
+        votes[x] = np.int16(votes[x] + np.int16(_agrees(bounds, levels, reference, x, size)))
 
 
 @nb.njit(**INNER)
@@ -138,14 +143,9 @@ def _count_visible_colour(votes, seen, bounds, levels, reference, horizons, near
     """As `_count_colour`, and at once as `_add_visible`."""
     size = np.uintp(votes.size)
     for x in range(size):
-        red = _distance(levels[x], reference[x])
-        green = _distance(levels[size + x], reference[size + x])
-        blue = _distance(levels[size + size + x], reference[size + size + x])
-        both = np.uint16(red + green)
-        left = np.uint16(max(bounds[x], both) - both)
         sees = nearest[start + x] <= horizons[x]
         seen[x] = np.int16(seen[x] + np.int16(sees))
-        votes[x] = np.int16(votes[x] + np.int16(sees & (blue < left)))
+        votes[x] = np.int16(votes[x] + np.int16(sees & _agrees(bounds, levels, reference, x, size)))
 
 
 @nb.njit(**INNER)

@@ -18,7 +18,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from lfdepth.compiling import INNER, KERNEL
+from lfdepth.compilation import INNER, KERNEL
 
 _NONE, _ONE, _TWO = np.uintp(0), np.uintp(1), np.uintp(2)
 

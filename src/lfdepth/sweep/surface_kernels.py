@@ -9,7 +9,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from lfdepth.compiling import INNER, KERNEL
+from lfdepth.compilation import INNER, KERNEL
 
 _REACH = np.float32(1.5)  # planes that a parabola's vertex may lie from the plane it was looked for at
 _FLAT = np.float32(1e-4)  # energy per plane² below which a parabola has no vertex

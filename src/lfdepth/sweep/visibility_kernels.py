@@ -5,7 +5,7 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from lfdepth.compiling import INNER, KERNEL
+from lfdepth.compilation import INNER, KERNEL
 
 PARTS = 1000
 """Parts of a px per view step in which disparities are kept."""

@@ -17,7 +17,7 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-from lfdepth.compiling import INNER, KERNEL
+from lfdepth.compilation import INNER, KERNEL
 from lfdepth.sweep.reparam import PAD, UNIT
 
 BLOCK = 32
