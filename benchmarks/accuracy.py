@@ -3,7 +3,7 @@
     python benchmarks/accuracy.py [--data FOLDER] [--scenes demo bars ...] [--size 320] [--json accuracy.json]
 
 FOLDER holds scenes of the 4D Light Field Benchmark, one folder each, with low-resolution truth. The published
-rows beside them are those of `lfdepth.evaluation.published`; those marked ^high were taken on high-resolution
+rows beside them are those of `lfdepth.bench.published`; those marked ^high were taken on high-resolution
 truth, and compare only roughly.
 """
 
@@ -16,7 +16,7 @@ from pathlib import Path
 
 import lfdepth
 from lfdepth import LightField, scenes
-from lfdepth.evaluation.published import published_rows
+from lfdepth.bench.published import published_rows
 from lfdepth.methods import NAMES
 from reporting import Cell, machine_line, markdown, write_json
 

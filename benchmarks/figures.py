@@ -18,10 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 import lfdepth
-import lfdepth.sweep.run as sweep
+import lfdepth.estimation as sweep
 from ablation import light_fields, with_textureless
 from lfdepth import LightField, pictures, scenes
-from lfdepth.evaluation.metrics import badpix, near_boundaries, region
+from lfdepth.blocks.edges import DepthEdges
+from lfdepth.blocks.energy import JointEnergy
+from lfdepth.blocks.visibility import nearest_surfaces
+from lfdepth.engines.cpu.workers import Workers
+from lfdepth.estimation import Result
 from lfdepth.pictures import (
     ERROR_LABEL,
     ERROR_LIMIT,
@@ -33,11 +37,7 @@ from lfdepth.pictures import (
     score_line,
     view_colours,
 )
-from lfdepth.sweep.edges import DepthEdges
-from lfdepth.sweep.joint import JointEnergy
-from lfdepth.sweep.parallel import Workers
-from lfdepth.sweep.run import Result
-from lfdepth.sweep.visibility import nearest_surfaces
+from lfdepth.scoring.metrics import badpix, near_boundaries, region
 from reporting import Cell as TableCell
 from reporting import markdown
 

@@ -32,7 +32,7 @@ def machine() -> dict[str, Any]:
     import numba
     import numpy
 
-    from lfdepth.sweep.parallel import default_threads
+    from lfdepth.engines.cpu.workers import default_threads
 
     return {
         "processor": _processor(),

@@ -22,15 +22,15 @@ from unittest.mock import patch
 
 import numpy as np
 
-import lfdepth.sweep.joint as joint
-import lfdepth.sweep.run as sweep
+import lfdepth.blocks.energy as joint
+import lfdepth.estimation as sweep
 from lfdepth import LightField, scenes
+from lfdepth.blocks.decode import Accumulate, SignStep
+from lfdepth.blocks.edges import DepthEdges
+from lfdepth.blocks.energy import JointEnergy
+from lfdepth.blocks.smoothing import GuidedFilter
+from lfdepth.engines.cpu.workers import default_threads
 from lfdepth.methods import NAMES, method
-from lfdepth.sweep.decode import Accumulate, SignStep
-from lfdepth.sweep.edges import DepthEdges
-from lfdepth.sweep.joint import JointEnergy
-from lfdepth.sweep.parallel import default_threads
-from lfdepth.sweep.smoothing import GuidedFilter
 from reporting import Cell, machine_line, markdown, write_json
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))

@@ -1,6 +1,6 @@
 """The oracle: equations 1-7 and algorithms 1-2 in plain NumPy, as the paper writes them.
 
-Slow and simple; it shares no code with `lfdepth.sweep`. Two things are not the paper's but conventions of the
+Slow and simple; it shares no code with `lfdepth`. Two things are not the paper's but conventions of the
 sweep that the oracle has to know to compare bit for bit: views are rounded to whole grey levels 0...LEVELS,
 and shifts to 1/UNIT px with bilinear weights in whole parts of UNIT. Interpolated levels are therefore
 whole numbers (in 1/UNIT of a level), and all signs and counts are exact.

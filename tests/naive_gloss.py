@@ -1,6 +1,6 @@
 """The oracle of the gloss block: high-passed views, the probe and the tidied mask, in plain loops.
 
-It shares no code with `lfdepth.sweep`, only the numbers that have a name there.
+It shares no code with `lfdepth.blocks`, only the numbers that have a name there.
 """
 
 from __future__ import annotations
@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import naive_photo
-from lfdepth.sweep import gloss, gloss_kernels
+from lfdepth.blocks import gloss
+from lfdepth.engines.cpu import gloss as gloss_kernels
 
 Array = NDArray[Any]
 

@@ -1,6 +1,6 @@
 """The oracle of photo-consistency votes, their thresholds and the weighted median, in plain NumPy.
 
-It shares no code with `lfdepth.sweep`. Conventions it has to know to compare exactly: levels are whole parts
+It shares no code with `lfdepth.blocks`. Conventions it has to know to compare exactly: levels are whole parts
 (1/UNIT) of an 8-bit level, shifts are rounded to 1/UNIT px, bilinear weights are whole parts of UNIT.
 """
 

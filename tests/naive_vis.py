@@ -1,6 +1,6 @@
 """The oracle of the default method's own parts, in plain loops: visibility, energies, paths, edges, noise.
 
-It shares no code with `lfdepth.sweep`, only the numbers that have a name there. Disparities are in px per
+It shares no code with `lfdepth.blocks`, only the numbers that have a name there. Disparities are in px per
 view step, maps are (H, W), volumes (K, H, W) front to back, views (V, U, H, W, C).
 """
 
@@ -16,21 +16,15 @@ from numpy.typing import NDArray
 
 import naive
 import naive_photo
+from lfdepth.blocks import edges, noise, photo, surface, visibility
+from lfdepth.blocks import energy as joint
+from lfdepth.blocks.edges import EdgeRule
+from lfdepth.blocks.energy import JointRule
+from lfdepth.engines.cpu import edges as edges_kernels
+from lfdepth.engines.cpu import energy as joint_kernels
+from lfdepth.engines.cpu import surface as surface_kernels
+from lfdepth.engines.cpu import visibility as visibility_kernels
 from lfdepth.methods import Method
-from lfdepth.sweep import (
-    edges,
-    edges_kernels,
-    joint,
-    joint_kernels,
-    noise,
-    photo,
-    surface,
-    surface_kernels,
-    visibility,
-    visibility_kernels,
-)
-from lfdepth.sweep.edges import EdgeRule
-from lfdepth.sweep.joint import JointRule
 
 Array = NDArray[Any]
 

@@ -7,9 +7,9 @@ import pytest
 
 import fields
 from lfdepth import scenes
+from lfdepth.estimation import estimate
 from lfdepth.lightfield import LightField
 from lfdepth.methods import NAMES
-from lfdepth.sweep.run import estimate
 
 
 class Errors(NamedTuple):

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 import lfdepth
 from fields import plane_views, quantise, texture, two_planes
 from lfdepth import scenes
-from lfdepth.autorange import find_range
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
-from lfdepth.matching import Match
+from lfdepth.probe.matching import Match
+from lfdepth.probe.ranges import find_range
 from lfdepth.scenes.stratified import STRATIFIED
 from lfdepth.scenes.suite import SUITE
 

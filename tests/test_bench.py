@@ -15,18 +15,19 @@ from numba import njit
 from PIL import Image
 
 import lfdepth
+from lfdepth import estimation as run
 from lfdepth import scenes
+from lfdepth.bench import report
+from lfdepth.bench.cache import Found, timed_estimate
+from lfdepth.bench.charts import Axis
+from lfdepth.bench.plan import SceneSpec, cross, read_plan, setting
+from lfdepth.bench.published import published_rows
+from lfdepth.bench.run import Bench, Entry, SceneResult, bench
+from lfdepth.bench.tables import Table, cell_text, figures, tables
 from lfdepth.errors import LightFieldError
-from lfdepth.evaluation import evaluate, report
-from lfdepth.evaluation.bench import Bench, Entry, SceneResult, bench
-from lfdepth.evaluation.cache import Found, timed_estimate
-from lfdepth.evaluation.charts import Axis
-from lfdepth.evaluation.plan import SceneSpec, cross, read_plan, setting
-from lfdepth.evaluation.published import published_rows
-from lfdepth.evaluation.scores import Scores
-from lfdepth.evaluation.tables import Table, cell_text, figures, tables
 from lfdepth.lightfield import LightField
-from lfdepth.sweep import run
+from lfdepth.scoring import evaluate
+from lfdepth.scoring.scores import Scores
 
 METHODS = ["fbs:step=0.2", "fbs-sfa:step=0.2"]
 

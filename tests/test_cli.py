@@ -22,9 +22,9 @@ from lfdepth import scenes
 from lfdepth.cli import main
 from lfdepth.cli.experiments import reproduce
 from lfdepth.cli.options import DEFAULT_METHOD
-from lfdepth.evaluation.reproduce import Reproduced
-from lfdepth.evaluation.reproduce import reproduce as reproduce_experiments
 from lfdepth.io import read_disparity, write
+from lfdepth.paper.experiments import Reproduced
+from lfdepth.paper.experiments import reproduce as reproduce_experiments
 
 SIZE = 48
 GRID = 5
@@ -730,7 +730,7 @@ def test_reproduce_says_what_was_made_and_what_not(run: Run, monkeypatch: pytest
         asked.extend([*experiments, out, options["data"], options["external"]])
         return Reproduced([out / "table1.md"], ["dino: get it there"], ["figure8: bikes: too dark"])
 
-    monkeypatch.setattr("lfdepth.evaluation.reproduce.reproduce", pretend)
+    monkeypatch.setattr("lfdepth.paper.experiments.reproduce", pretend)
     command = "reproduce table1 figure8 -o out --data there --external a b"
     status, out, err = run(*command.split())
     assert asked == ["table1", "figure8", Path("out"), Path("there"), (Path("a"), Path("b"))]

@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 
 import naive
-from lfdepth.sweep.decode import Accumulate, SignStep, accumulate, decided, sign_step
-from lfdepth.sweep.parallel import Workers
-from lfdepth.sweep.planes import disparity_planes
+from lfdepth.blocks.decode import Accumulate, SignStep, accumulate, decided, sign_step
+from lfdepth.blocks.planes import disparity_planes
+from lfdepth.engines.cpu.workers import Workers
 
 PLANES = disparity_planes((-1.0, 1.5), step=0.125)
 

@@ -10,12 +10,12 @@ import pytest
 
 import fields
 import naive_vis
+from lfdepth.blocks import edges
+from lfdepth.blocks.edges import DepthEdges, EdgeRule
+from lfdepth.blocks.median import weighted_median
+from lfdepth.engines.cpu.edges import _JUMP_SHARE, sample
+from lfdepth.engines.cpu.workers import Workers
 from lfdepth.lightfield import LightField
-from lfdepth.sweep import edges
-from lfdepth.sweep.edges import DepthEdges, EdgeRule
-from lfdepth.sweep.edges_kernels import _JUMP_SHARE, sample
-from lfdepth.sweep.median import weighted_median
-from lfdepth.sweep.parallel import Workers
 
 Array = fields.Array
 

@@ -12,14 +12,14 @@ import fields
 import naive_gloss
 import naive_vis
 from lfdepth import scenes
+from lfdepth.blocks import gloss
+from lfdepth.blocks.gloss import Box, FineCount, boxes, high_passed, suspects, tidied
+from lfdepth.blocks.photo import photo_plane, prepare_colours
+from lfdepth.blocks.smoothing import GuidedFilter
+from lfdepth.blocks.visibility import nearest_surfaces
+from lfdepth.engines.cpu.workers import Workers
+from lfdepth.estimation import estimate
 from lfdepth.lightfield import LightField
-from lfdepth.sweep import gloss
-from lfdepth.sweep.gloss import Box, FineCount, boxes, high_passed, suspects, tidied
-from lfdepth.sweep.parallel import Workers
-from lfdepth.sweep.photo import photo_plane, prepare_colours
-from lfdepth.sweep.run import estimate
-from lfdepth.sweep.smoothing import GuidedFilter
-from lfdepth.sweep.visibility import nearest_surfaces
 
 Array = fields.Array
 

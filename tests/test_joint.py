@@ -11,11 +11,10 @@ import fields
 import naive
 import naive_photo
 import naive_vis
-from lfdepth.lightfield import LightField
-from lfdepth.methods import Method, method
-from lfdepth.sweep import joint
-from lfdepth.sweep.joint import JointEnergy, JointRule
-from lfdepth.sweep.joint_kernels import (
+from lfdepth.blocks import energy as joint
+from lfdepth.blocks.energy import JointEnergy, JointRule
+from lfdepth.blocks.smoothing import GuidedFilter
+from lfdepth.engines.cpu.energy import (
     SCALE,
     decode_kernel,
     energy_kernel,
@@ -25,9 +24,10 @@ from lfdepth.sweep.joint_kernels import (
     store_signs_kernel,
     vertical_kernel,
 )
-from lfdepth.sweep.parallel import Workers
-from lfdepth.sweep.run import estimate
-from lfdepth.sweep.smoothing import GuidedFilter
+from lfdepth.engines.cpu.workers import Workers
+from lfdepth.estimation import estimate
+from lfdepth.lightfield import LightField
+from lfdepth.methods import Method, method
 
 Array = fields.Array
 

@@ -9,10 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fields
+from lfdepth.blocks.voting import DELTAS, GRADIENTS, Delta, Gradient, Mask, VoteRule, vote
+from lfdepth.estimation import estimate
 from lfdepth.lightfield import LightField
 from lfdepth.methods import NAMES
-from lfdepth.sweep.run import estimate
-from lfdepth.sweep.voting import DELTAS, GRADIENTS, Delta, Gradient, Mask, VoteRule, vote
 
 Array = fields.Array
 

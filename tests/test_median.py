@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 import naive_photo
+from lfdepth.blocks.median import sorting_network, weighted_median
 from lfdepth.errors import LightFieldError
-from lfdepth.sweep.median import sorting_network, weighted_median
 
 Array = NDArray[Any]
 

@@ -12,11 +12,11 @@ import lfdepth
 import naive_metrics as naive
 from lfdepth.camera import Camera
 from lfdepth.errors import LightFieldError
-from lfdepth.evaluation import HighResolution, evaluate, metrics, read_high_resolution
-from lfdepth.evaluation.metrics import HIGH, LOW
-from lfdepth.evaluation.scores import LOW_INSTEAD, METRICS
 from lfdepth.io import read_disparity
 from lfdepth.lightfield import LightField
+from lfdepth.scoring import HighResolution, evaluate, metrics, read_high_resolution
+from lfdepth.scoring.metrics import HIGH, LOW
+from lfdepth.scoring.scores import LOW_INSTEAD, METRICS
 
 Array = NDArray[Any]
 COTTON = Path(__file__).parents[2] / "shared" / "data" / "hci4d" / "cotton"

@@ -9,10 +9,10 @@ import pytest
 
 import fields
 import naive_vis
+from lfdepth.blocks import noise
+from lfdepth.blocks.noise import ramp, residual, texture_weight, threshold_bounds
+from lfdepth.engines.cpu.noise import residual_kernel
 from lfdepth.lightfield import LightField
-from lfdepth.sweep import noise
-from lfdepth.sweep.noise import ramp, residual, texture_weight, threshold_bounds
-from lfdepth.sweep.noise_kernels import residual_kernel
 
 Array = fields.Array
 

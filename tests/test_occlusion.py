@@ -5,8 +5,8 @@ import pytest
 
 import fields
 import naive
+from lfdepth.blocks.occlusion import NoOcclusion, SkipMask, mask_4d
 from lfdepth.errors import LightFieldError
-from lfdepth.sweep.occlusion import NoOcclusion, SkipMask, mask_4d
 
 
 @pytest.mark.parametrize("views", [(3, 3), (4, 5), (5, 6), (1, 4)])

@@ -19,7 +19,7 @@ from lfdepth import scenes
 from lfdepth.errors import LightFieldError
 from lfdepth.io import read
 from lfdepth.lightfield import LightField
-from lfdepth.orientation import AS_STORED, Reordering, check_orientation
+from lfdepth.probe.order import AS_STORED, Reordering, check_orientation
 
 EIGHT = [Reordering(*flags) for flags in product((False, True), repeat=3)]
 TELLING = (

@@ -8,10 +8,7 @@ import pytest
 import fields
 import naive_photo
 import naive_vis
-from lfdepth.errors import LightFieldError
-from lfdepth.lightfield import LightField
-from lfdepth.sweep.parallel import Workers
-from lfdepth.sweep.photo import (
+from lfdepth.blocks.photo import (
     FEWEST_VIEWS,
     local_thresholds,
     photo_consistency,
@@ -19,6 +16,9 @@ from lfdepth.sweep.photo import (
     prepare_colours,
     thinned,
 )
+from lfdepth.engines.cpu.workers import Workers
+from lfdepth.errors import LightFieldError
+from lfdepth.lightfield import LightField
 
 Array = fields.Array
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import naive
+from lfdepth.blocks.planes import MAX_PLANES, disparity_planes
 from lfdepth.errors import LightFieldError
-from lfdepth.sweep.planes import MAX_PLANES, disparity_planes
 
 RANGES = [
     ((-1.4, 1.4), 0.02),

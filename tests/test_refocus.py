@@ -17,14 +17,14 @@ from PIL import Image
 import lfdepth
 from fields import plane_views, quantise, random_present, texture, two_planes
 from lfdepth import scenes
+from lfdepth.blocks.occlusion import mask_4d
+from lfdepth.blocks.reparam import reparameterise
 from lfdepth.errors import LightFieldError
-from lfdepth.focusing import all_in_focus, foreground_masks, refocus, write_masks, write_picture
 from lfdepth.io.picture import read_picture
 from lfdepth.lightfield import LightField
+from lfdepth.render.refocus import all_in_focus, foreground_masks, refocus, write_masks, write_picture
 from lfdepth.scenes import rendering
 from lfdepth.scenes.suite import SUITE, Stage
-from lfdepth.sweep.occlusion import mask_4d
-from lfdepth.sweep.reparam import reparameterise
 
 Array = NDArray[Any]
 

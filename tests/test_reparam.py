@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 import fields
 import naive
+from lfdepth.blocks import reparam
+from lfdepth.blocks.reparam import grey_levels, reparameterise
 from lfdepth.errors import LightFieldError
-from lfdepth.sweep import reparam
-from lfdepth.sweep.reparam import grey_levels, reparameterise
 
 DISPARITIES = [0.0, 0.25, 0.371, -0.6, 1.0, -2.0, 3.613, -5.27, 40.0]
 GRIDS = [(3, 3), (4, 5), (5, 4), (6, 3), (1, 5)]

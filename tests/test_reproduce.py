@@ -9,10 +9,11 @@ from PIL import Image
 
 from lfdepth import scenes
 from lfdepth.errors import LightFieldError
-from lfdepth.evaluation import figures, reproduce
-from lfdepth.evaluation.figures import Window, busiest, jumps, study
-from lfdepth.evaluation.reproduce import EXPERIMENTS
 from lfdepth.lightfield import LightField
+from lfdepth.paper import experiments as reproduce
+from lfdepth.paper import figures
+from lfdepth.paper.experiments import EXPERIMENTS
+from lfdepth.paper.figures import Window, busiest, jumps, study
 
 CONFIG = """[intrinsics]
 focal_length_mm = 100

@@ -10,11 +10,11 @@ import pytest
 
 import naive
 from fields import RANGE, scene
+from lfdepth.blocks.smoothing import GuidedFilter
 from lfdepth.errors import LightFieldError
+from lfdepth.estimation import Result, estimate
 from lfdepth.lightfield import LightField
 from lfdepth.methods import NAMES, Method, method
-from lfdepth.sweep.run import Result, estimate
-from lfdepth.sweep.smoothing import GuidedFilter
 
 OPTIONS: dict[str, Any] = {"step": 0.1, "radius": 3, "epsilon": 1e-3}
 

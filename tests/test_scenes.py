@@ -13,16 +13,17 @@ import pytest
 from scipy.ndimage import distance_transform_edt, map_coordinates
 
 from lfdepth import scenes
+from lfdepth.engines.cpu import scenes as kernels
 from lfdepth.errors import LightFieldError
-from lfdepth.evaluation import metrics
-from lfdepth.evaluation.truth import read_high_resolution
 from lfdepth.io import read, read_disparity
 from lfdepth.lightfield import LightField
 from lfdepth.scenes import folder as scene_folder
-from lfdepth.scenes import kernels, masks, photoreal, textures
+from lfdepth.scenes import masks, photoreal, textures
 from lfdepth.scenes.model import Ellipsoid, Facets, Layer, Paint, Plane, Scene, ellipse, pack, rectangle
 from lfdepth.scenes.stratified import STRATIFIED, pyramid
 from lfdepth.scenes.suite import SUITE, Stage
+from lfdepth.scoring import metrics
+from lfdepth.scoring.truth import read_high_resolution
 
 SIZE = (120, 136)
 Float = npt.NDArray[np.float64]

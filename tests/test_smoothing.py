@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 import fields
 import naive
+from lfdepth.blocks.smoothing import GuidedFilter, box_mean
+from lfdepth.engines.cpu.workers import Workers
 from lfdepth.errors import LightFieldError
-from lfdepth.sweep.parallel import Workers
-from lfdepth.sweep.smoothing import GuidedFilter, box_mean
 
 # Size and radius: windows as large as the image, whose sizes have all digits to base 4 (window sums are put
 # together from runs of 1, 4, 16 …), columns around vector lengths.

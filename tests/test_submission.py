@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lfdepth.bench import submission
+from lfdepth.bench.cache import Cache, Found
+from lfdepth.bench.submission import SCENES, check_submission, find_scenes, submit
 from lfdepth.errors import LightFieldError
-from lfdepth.evaluation import submission
-from lfdepth.evaluation.cache import Cache, Found
-from lfdepth.evaluation.submission import SCENES, check_submission, find_scenes, submit
 
 DATA = Path(__file__).parents[2] / "shared" / "data" / "hci4d"
 

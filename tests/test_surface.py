@@ -11,14 +11,14 @@ import pytest
 
 import fields
 import naive_vis
+from lfdepth.blocks import surface
+from lfdepth.blocks.surface import SPACING, fit_surfaces
+from lfdepth.engines.cpu.surface import _REACH
+from lfdepth.engines.cpu.workers import Workers
 from lfdepth.errors import LightFieldError
+from lfdepth.estimation import estimate
 from lfdepth.lightfield import LightField
 from lfdepth.methods import method
-from lfdepth.sweep import surface
-from lfdepth.sweep.parallel import Workers
-from lfdepth.sweep.run import estimate
-from lfdepth.sweep.surface import SPACING, fit_surfaces
-from lfdepth.sweep.surface_kernels import _REACH
 
 Array = fields.Array
 

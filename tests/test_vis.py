@@ -14,10 +14,10 @@ import lfdepth
 import naive_vis
 from fields import RANGE, scene
 from lfdepth import scenes
-from lfdepth.evaluation import metrics
+from lfdepth.estimation import Result, estimate
 from lfdepth.lightfield import LightField
 from lfdepth.methods import method
-from lfdepth.sweep.run import Result, estimate
+from lfdepth.scoring import metrics
 
 Array = fields.Array
 

@@ -7,11 +7,11 @@ import pytest
 
 import fields
 import naive_vis
+from lfdepth.blocks.photo import local_thresholds, photo_consistency, photo_plane, prepare_colours
+from lfdepth.blocks.visibility import MARGIN, nearest_surfaces
+from lfdepth.engines.cpu.visibility import EMPTY, PARTS
+from lfdepth.engines.cpu.workers import Workers
 from lfdepth.lightfield import LightField
-from lfdepth.sweep.parallel import Workers
-from lfdepth.sweep.photo import local_thresholds, photo_consistency, photo_plane, prepare_colours
-from lfdepth.sweep.visibility import MARGIN, nearest_surfaces
-from lfdepth.sweep.visibility_kernels import EMPTY, PARTS
 
 Array = fields.Array
 

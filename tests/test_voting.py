@@ -7,11 +7,11 @@ import pytest
 
 import fields
 import naive
+from lfdepth.blocks.reparam import stack_views
+from lfdepth.blocks.voting import Delta, Gradient, Mask, VoteRule, disparity_signs, vote, vote_plane
+from lfdepth.engines.cpu.workers import Workers
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
-from lfdepth.sweep.parallel import Workers
-from lfdepth.sweep.reparam import stack_views
-from lfdepth.sweep.voting import Delta, Gradient, Mask, VoteRule, disparity_signs, vote, vote_plane
 
 DELTAS: tuple[Delta, ...] = get_args(Delta)
 GRADIENTS: tuple[Gradient, ...] = get_args(Gradient)

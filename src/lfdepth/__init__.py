@@ -16,16 +16,16 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from lfdepth.autorange import find_range
     from lfdepth.camera import Camera
     from lfdepth.errors import LightFieldError
-    from lfdepth.evaluation import evaluate
-    from lfdepth.focusing import all_in_focus, foreground_masks, refocus, write_masks, write_picture
+    from lfdepth.estimation import Result, estimate
     from lfdepth.io import read, read_confidence, read_disparity, write
     from lfdepth.lightfield import LightField
     from lfdepth.methods import Method, method
-    from lfdepth.orientation import check_orientation
-    from lfdepth.sweep.run import Result, estimate
+    from lfdepth.probe.order import check_orientation
+    from lfdepth.probe.ranges import find_range
+    from lfdepth.render.refocus import all_in_focus, foreground_masks, refocus, write_masks, write_picture
+    from lfdepth.scoring import evaluate
 
 __version__ = "0.1.0"
 
@@ -35,21 +35,21 @@ _HOMES = {
     "LightField": "lfdepth.lightfield",
     "LightFieldError": "lfdepth.errors",
     "Method": "lfdepth.methods",
-    "Result": "lfdepth.sweep.run",
-    "all_in_focus": "lfdepth.focusing",
-    "check_orientation": "lfdepth.orientation",
-    "estimate": "lfdepth.sweep.run",
-    "evaluate": "lfdepth.evaluation",
-    "find_range": "lfdepth.autorange",
-    "foreground_masks": "lfdepth.focusing",
+    "Result": "lfdepth.estimation",
+    "all_in_focus": "lfdepth.render.refocus",
+    "check_orientation": "lfdepth.probe.order",
+    "estimate": "lfdepth.estimation",
+    "evaluate": "lfdepth.scoring",
+    "find_range": "lfdepth.probe.ranges",
+    "foreground_masks": "lfdepth.render.refocus",
     "method": "lfdepth.methods",
     "read": "lfdepth.io",
     "read_confidence": "lfdepth.io",
     "read_disparity": "lfdepth.io",
-    "refocus": "lfdepth.focusing",
+    "refocus": "lfdepth.render.refocus",
     "write": "lfdepth.io",
-    "write_masks": "lfdepth.focusing",
-    "write_picture": "lfdepth.focusing",
+    "write_masks": "lfdepth.render.refocus",
+    "write_picture": "lfdepth.render.refocus",
 }
 
 __all__ = [

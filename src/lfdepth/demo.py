@@ -12,8 +12,8 @@ from lfdepth.errors import LightFieldError
 from lfdepth.methods import NAMES, method
 
 if TYPE_CHECKING:
-    from lfdepth.evaluation import Scores
     from lfdepth.lightfield import LightField
+    from lfdepth.scoring import Scores
 
 SIZE = 320
 """Side of the demo's views, px."""
@@ -112,7 +112,7 @@ def run_demo(
     if size < SMALLEST:
         raise LightFieldError(f"size: found {size}, expected at least {SMALLEST} px; choose a larger one")
     from lfdepth import evaluate, scenes
-    from lfdepth.evaluation.cache import timed_estimate
+    from lfdepth.bench.cache import timed_estimate
     from lfdepth.io.atomic import check_target
     from lfdepth.pictures import PanelRow, panel
 

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfdepth.errors import LightFieldError
-from lfdepth.evaluation.metrics import LOW, badpix, mse
 from lfdepth.io.atomic import atomic
+from lfdepth.scoring.metrics import LOW, badpix, mse
 
 Array = NDArray[Any]
 Pixels = NDArray[np.uint8]

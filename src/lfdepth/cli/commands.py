@@ -45,7 +45,7 @@ from lfdepth.errors import LightFieldError
 
 if TYPE_CHECKING:
     from lfdepth.lightfield import LightField
-    from lfdepth.orientation import Orientation
+    from lfdepth.probe.order import Orientation
 
 DEMO_FOLDER = Path("lfdepth-demo")
 
@@ -154,9 +154,9 @@ def evaluate(
         Also write the signed error as a picture, .png: red = too near, blue = too far.
     """
     import lfdepth
-    from lfdepth.evaluation import read_high_resolution
-    from lfdepth.evaluation.truth import read_scene
     from lfdepth.io import read_confidence, read_disparity
+    from lfdepth.scoring import read_high_resolution
+    from lfdepth.scoring.truth import read_scene
 
     if error_map is not None:
         check_picture(error_map, apart_from=result)
@@ -312,7 +312,7 @@ def refocus(
         Number of threads; every processor by default.
     """
     _check_focus(disparity, all_in_focus, without_foreground, source)
-    from lfdepth import focusing
+    from lfdepth.render import refocus as focusing
 
     check_picture(output, apart_from=source.map)
     lf = reading.read(scene)
@@ -362,8 +362,8 @@ def mask(
     threads
         Number of threads; every processor by default.
     """
-    from lfdepth.focusing import foreground_masks, holds_masks, write_masks
     from lfdepth.io.atomic import check_target
+    from lfdepth.render.refocus import foreground_masks, holds_masks, write_masks
 
     check_target(output, replaceable=holds_masks)
     lf = reading.read(scene)
@@ -421,7 +421,7 @@ def _with_range(
     lf: LightField, range: tuple[float, float] | None, reading: Reading, *, needed: bool
 ) -> LightField:
     """The light field with a range: the one given, its own, or if it is needed the one found in the views."""
-    from lfdepth.autorange import find_range
+    from lfdepth.probe.ranges import find_range
 
     if range is None and needed and lf.disparity_range is None:
         reading.require_order(lf)
@@ -433,7 +433,7 @@ def _search_range(
     lf: LightField, orientation: Orientation | None
 ) -> tuple[tuple[float, float] | None, str | None]:
     """The range that a scene without one has, by its views, or else why there is none to find."""
-    from lfdepth.autorange import find_range
+    from lfdepth.probe.ranges import find_range
 
     if orientation is None or lf.disparity_range is not None:
         return None, None

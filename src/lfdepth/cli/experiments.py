@@ -67,10 +67,10 @@ def bench(
     threads
         Number of threads; every processor by default.
     """
+    from lfdepth.bench.plan import Plan, cross, parameters, read_plan, setting
+    from lfdepth.bench.run import bench as run_bench
+    from lfdepth.bench.tables import markdown, tables
     from lfdepth.cli.progress import Progress
-    from lfdepth.evaluation.bench import bench as run_bench
-    from lfdepth.evaluation.plan import Plan, cross, parameters, read_plan, setting
-    from lfdepth.evaluation.tables import markdown, tables
 
     planned = read_plan(plan) if plan else Plan((), ())
     named = methods or (() if plan else known_methods.NAMES)
@@ -130,7 +130,7 @@ def reproduce(
         Number of threads; every processor by default. Run times are taken on one thread, as in the paper.
     """
     from lfdepth.cli.progress import Progress
-    from lfdepth.evaluation.reproduce import reproduce as run_experiments
+    from lfdepth.paper.experiments import reproduce as run_experiments
 
     with Progress() as progress:
         made = run_experiments(
@@ -188,9 +188,9 @@ def submit(
     threads
         Number of threads; every processor by default.
     """
+    from lfdepth.bench.submission import check_submission
+    from lfdepth.bench.submission import submit as run_submit
     from lfdepth.cli.progress import Progress
-    from lfdepth.evaluation.submission import check_submission
-    from lfdepth.evaluation.submission import submit as run_submit
 
     if check is not None:
         problems = check_submission(check)
@@ -262,8 +262,8 @@ def render(
         Standard deviation of the sensor's noise at mid grey, grey levels of 255; the scene's own by default.
     """
     from lfdepth import scenes
+    from lfdepth.bench.cache import make_folder
     from lfdepth.cli.progress import Progress
-    from lfdepth.evaluation.cache import make_folder
 
     if not names:
         raise LightFieldError('scenes render: no name given; expected names of scenes or "all"; give one')

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lfdepth.lightfield import LightField
-    from lfdepth.orientation import Orientation
+    from lfdepth.probe.order import Orientation
 
 DEFAULT_METHOD = "fbs-vis"
 
@@ -165,7 +165,7 @@ class Reading:
 
     def check_order(self, lf: LightField) -> Orientation:
         """Test on the pixels whether the views that were read so are in order."""
-        from lfdepth.orientation import Reordering, check_orientation
+        from lfdepth.probe.order import Reordering, check_orientation
 
         return check_orientation(lf, applied=Reordering(self.transpose, self.flip_v, self.flip_u))
 

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lfdepth.cli.progress import Progress
+    from lfdepth.estimation import Result
     from lfdepth.lightfield import LightField
-    from lfdepth.orientation import Orientation
-    from lfdepth.sweep.run import Result
+    from lfdepth.probe.order import Orientation
 
 Facts = dict[str, Any]
 
@@ -43,7 +43,7 @@ def _finite(facts: Any) -> Any:
 
 def estimate_facts(lf: LightField, result: Result, progress: Progress, written: Sequence[str]) -> Facts:
     """What an estimate did."""
-    from lfdepth.sweep.planes import disparity_planes
+    from lfdepth.blocks.planes import disparity_planes
 
     method = result.method
     planes = len(disparity_planes(result.range, step=method.step, count=method.planes, force=True))

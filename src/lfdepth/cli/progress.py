@@ -6,7 +6,7 @@ import sys
 from contextlib import ExitStack
 from typing import Any
 
-from lfdepth.compilation import on_compilation
+from lfdepth.engines.cpu.compilation import on_compilation
 
 
 class Progress:

@@ -31,7 +31,7 @@ from lfdepth.io.writing import check_light_field_writable, write_light_field
 from lfdepth.lightfield import LightField
 
 if TYPE_CHECKING:
-    from lfdepth.sweep.run import Result
+    from lfdepth.estimation import Result
 
 __all__ = [
     "FORMATS",
@@ -183,7 +183,7 @@ def write(
 
 def _check_order(lf: LightField, path: Path, selection: Selection) -> None:
     """Raise LightFieldError if the views are in another order, warn if that cannot be told."""
-    from lfdepth.orientation import Reordering, check_orientation
+    from lfdepth.probe.order import Reordering, check_orientation
 
     applied = Reordering(selection.transpose, selection.flip_v, selection.flip_u)
     found = check_orientation(lf, applied=applied)

@@ -13,7 +13,7 @@ from lfdepth.errors import LightFieldError
 
 if TYPE_CHECKING:
     from lfdepth.camera import Camera
-    from lfdepth.sweep.run import Result
+    from lfdepth.estimation import Result
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,9 +19,9 @@ from lfdepth.scenes.stratified import STRATIFIED
 from lfdepth.scenes.suite import SUITE, Recipe, Stage
 
 if TYPE_CHECKING:
-    from lfdepth.evaluation.truth import HighResolution
     from lfdepth.lightfield import LightField
     from lfdepth.scenes.rendering import Rendering
+    from lfdepth.scoring.truth import HighResolution
 
 __all__ = ["NAMES", "PHOTOREAL", "describe", "expected_seconds", "high_resolution", "render", "save"]
 
@@ -162,9 +162,9 @@ def high_resolution(name: str, *, size: int | tuple[int, int] = 256, seed: int =
     _check(name in NAMES, f"scene {name!r} is not procedural; expected one of {', '.join(NAMES)}")
     height, width = _pixels(size)
     _check(seed >= 0, f"seed is {seed}; expected an integer >= 0")
-    from lfdepth.evaluation.truth import HighResolution
     from lfdepth.scenes import rendering
     from lfdepth.scenes.folder import FACTOR
+    from lfdepth.scoring.truth import HighResolution
 
     scene = _RECIPES[name].build(Stage(height, width, seed))
     return HighResolution(*rendering.geometry(scene, (height, width), FACTOR))

@@ -12,8 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from lfdepth.camera import Camera
+from lfdepth.engines.cpu import scenes as kernels
 from lfdepth.lightfield import LightField
-from lfdepth.scenes import kernels
 from lfdepth.scenes.masks import Labels, Map, geometric, kinds_of, textureless
 from lfdepth.scenes.model import Packed, Scene, pack
 

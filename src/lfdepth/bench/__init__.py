@@ -1,0 +1,1 @@
+"""Comparisons: methods over scenes, tables, reports, submissions."""

@@ -1,0 +1,136 @@
+"""Depth edges decided pixel by pixel with exact visibility.
+
+Most of what is wrong in a smoothed map lies within one pixel of a depth edge, and most of that is foreground
+too fat, because a pixel that mixes both surfaces moves with the nearer one. There, however, the other views
+know more, and exact visibility (`visibility`) says which of them see past the edge. Their mean colour at the
+background's disparity is the colour `B` that the background has at this very pixel; the foreground's colour
+`F` comes from the nearest pixels inside it. The pixel belongs to the background if its own colour is nearer
+to B than to F, each distance measured by that surface's spread. In doubt a pixel keeps its side: the more
+views agree with it at its present disparity, the more the colours must say.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfdepth.blocks.median import median_plane
+from lfdepth.blocks.photo import local_thresholds
+from lfdepth.blocks.visibility import nearest_surfaces
+from lfdepth.engines.cpu.edges import edge_kernel
+from lfdepth.engines.cpu.workers import Workers
+from lfdepth.lightfield import LightField
+
+_MEDIAN = (1, 0.05, 2.0)  # radius in px, standard deviations of colour and space
+_SURE_PASSES, _LATE = 2, 3.0  # later passes, into wide bands, must be surer by this factor
+_EDGE_TRUST = 0.3
+_UNSTEADY = 0.15  # px per view step within two pixels that cost a pixel a third of its trust
+
+
+@dataclass(frozen=True, kw_only=True)
+class EdgeRule:
+    """How depth edges are decided.
+
+    Parameters
+    ----------
+    passes
+        Passes over the edges; each can move an edge by one pixel, from the third on with three times the
+        inertia; 0 leaves the map as it is.
+    jump
+        Least difference of disparity between neighbours that makes an edge, px per view step.
+    spread
+        Spread of either surface's colour at least, as a share of the distance between their colours.
+    inertia
+        How much more the colours must say when all views agree with the present side.
+    """
+
+    passes: int = 3
+    jump: float = 0.15
+    spread: float = 0.3
+    inertia: float = 3.0
+
+
+class DepthEdges:
+    """Settles maps of one light field at their depth edges.
+
+    Parameters
+    ----------
+    lf
+        Light field.
+    rule
+        Parameters.
+    """
+
+    def __init__(self, lf: LightField, rule: EdgeRule) -> None:
+        self.rule = rule
+        to_bytes = np.float32(255 / lf.full_scale)
+        self._views = lf.views if lf.views.dtype == np.uint8 else lf.views.astype(np.float32) * to_bytes
+        self._guide = np.ascontiguousarray(lf.reference.astype(np.float32) / np.float32(lf.full_scale))
+        self._thresholds = local_thresholds(lf.reference) * np.float32(255)
+        self._present = np.ones(lf.shape[:2], np.bool_) if lf.present is None else lf.present
+        self._spare: NDArray[np.int16] | None = None
+        self._found = np.zeros(lf.views.shape[2:4], np.bool_)
+
+    def settle(
+        self, disparity: NDArray[np.float32], workers: Workers, *, passes: int | None = None
+    ) -> NDArray[np.float32]:
+        """Remove isolated values from a map (H, W), then decide every pixel beside a depth edge.
+
+        `passes` replaces the rule's if it is smaller.
+        """
+        settled = np.empty_like(disparity)
+        median_plane(disparity, self._guide, None, _MEDIAN, workers, settled)
+        self._found[:] = False
+        for count in range(self.rule.passes if passes is None else min(passes, self.rule.passes)):
+            settled = self._move_edges(settled, workers, 1.0 if count < _SURE_PASSES else _LATE)
+        self._spare = None  # as large as the views
+        return settled
+
+    def distrust(
+        self, confidence: NDArray[np.float32], disparity: NDArray[np.float32]
+    ) -> NDArray[np.float32]:
+        """Lower a map's confidence (H, W) where the map just settled has edges, or changes fast."""
+        trust = 1 / np.sqrt(1 + (_local_range(disparity, 2) / np.float32(_UNSTEADY)) ** 2)
+        trust[self._found] *= np.float32(_EDGE_TRUST)
+        return np.asarray(confidence * trust, np.float32)
+
+    def _move_edges(
+        self, disparity: NDArray[np.float32], workers: Workers, caution: float = 1.0
+    ) -> NDArray[np.float32]:
+        width = self._views.shape[3]
+        nearest = nearest_surfaces(disparity, self._present, 0, width, workers, self._spare)
+        self._spare = nearest.data
+        decided = disparity.copy()
+        workers.rows(
+            len(disparity),
+            edge_kernel,
+            disparity,
+            self._views,
+            self._present,
+            nearest.data,
+            nearest.margin,
+            nearest.row_length,
+            self._thresholds,
+            np.float32(self.rule.jump),
+            np.float32(self.rule.spread),
+            np.float32(self.rule.inertia * caution),
+            decided,
+            self._found,
+        )
+        return decided
+
+
+def _local_range(image: NDArray[np.float32], radius: int) -> NDArray[np.float32]:
+    """Largest less smallest value within (2·radius + 1)² windows."""
+    high, low = image, image
+    for axis in (0, 1):
+        border = [(0, 0), (0, 0)]
+        border[axis] = (radius, radius)
+        length = image.shape[axis]
+        highs, lows = np.pad(high, border, "edge"), np.pad(low, border, "edge")
+        shifted = [range(start, start + length) for start in range(2 * radius + 1)]
+        high = np.maximum.reduce([highs.take(rows, axis) for rows in shifted])
+        low = np.minimum.reduce([lows.take(rows, axis) for rows in shifted])
+    return high - low

@@ -1,0 +1,1 @@
+"""Engines: what blocks call to have the work done."""

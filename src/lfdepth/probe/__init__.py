@@ -1,0 +1,1 @@
+"""A first look at a light field, before an estimate: order of the views, range of disparities."""

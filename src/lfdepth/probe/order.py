@@ -1,0 +1,305 @@
+"""Is the grid of views in order? Flips, transposition and the sign of disparity, tested on the pixels.
+
+Rows and columns: where the grid is in order, a point moves along x from column to column and along y from row
+to row, by the same disparity. Of the four ways to transpose or mirror a grid, only the true one lets all
+views agree with the reference view.
+
+Sign: if rows and columns are both reversed, all disparities change their sign and the views agree as before.
+Which sign is right shows where surfaces hide each other: the nearer one, of larger disparity, has to win.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfdepth.engines.cpu.workers import Workers
+from lfdepth.lightfield import LightField
+from lfdepth.probe.matching import (
+    Match,
+    Order,
+    Probe,
+    better,
+    make_probe,
+    match,
+    plane_range,
+    shrink_to,
+    widest,
+)
+from lfdepth.probe.ranges import coarse_range
+
+# Shorter side, px, of the views that are compared; for the sign, larger ones if the first do not decide it.
+_SIDES = 256, 512
+# Half way out, one surface still moves enough against another to hide it.
+_RINGS = 1.0, 0.5
+# Least share of the pixels that tell the orders apart; of them, least share that has to agree.
+_DECISIVE, _AGREEING = 0.02, 0.6
+# Least number of occlusions; least share of them that has to agree.
+_FEWEST, _MAJORITY = 40, 0.7
+# Grey levels of 255: at most what a visible surface mispredicts a view by; at least what a hidden one does.
+_SAME, _OTHER = 4.0, 8.0
+# From how many px on one surface moves against another, between the reference view and a view.
+_JUMP = 1.2
+
+
+@dataclass(frozen=True)
+class Reordering:
+    """What is done to a grid of views: options of `lfdepth.read`, which applies them in this sequence."""
+
+    transpose: bool = False
+    flip_v: bool = False
+    flip_u: bool = False
+
+    @property
+    def options(self) -> str:
+        """The options of the command line, such as "--transpose --flip-u"; empty if nothing is done."""
+        named = {"--transpose": self.transpose, "--flip-v": self.flip_v, "--flip-u": self.flip_u}
+        return " ".join(option for option, needed in named.items() if needed)
+
+    @property
+    def call(self) -> str:
+        """The same in Python, such as "read(path, transpose=True, flip_u=True)"."""
+        named = {"transpose": self.transpose, "flip_v": self.flip_v, "flip_u": self.flip_u}
+        return f"read({', '.join(['path', *(f'{name}=True' for name, needed in named.items() if needed)])})"
+
+    def then(self, other: Reordering) -> Reordering:
+        """What does the same as this one and then the other."""
+        flip_v, flip_u = (self.flip_u, self.flip_v) if other.transpose else (self.flip_v, self.flip_u)
+        return Reordering(self.transpose != other.transpose, flip_v != other.flip_v, flip_u != other.flip_u)
+
+
+AS_STORED = Reordering()
+
+
+@dataclass(frozen=True)
+class Orientation:
+    """What the pixels say about the order of the views.
+
+    Attributes
+    ----------
+    reordering
+        What the light field has to be read with; while the sign is undecided, if it is as it was read.
+    opposite
+        What it would have to be read with if disparity had the opposite sign.
+    applied
+        What it was read with.
+    order_evidence
+        Of the pixels that can tell, the share that is for this order of rows and columns, 0 to 1.
+    sign_evidence
+        Of the occlusions, the share that is for one of the signs, 0.5 to 1.
+    order_decided, sign_decided
+        Whether there are enough pixels and occlusions, and enough of them agree.
+    """
+
+    reordering: Reordering
+    opposite: Reordering
+    applied: Reordering
+    order_evidence: float
+    sign_evidence: float
+    order_decided: bool
+    sign_decided: bool
+
+    @property
+    def decided(self) -> bool:
+        """Whether order and sign are known."""
+        return self.order_decided and self.sign_decided
+
+    @property
+    def wrong(self) -> bool:
+        """Whether the views are known to be in another order than they should be."""
+        possible = {self.reordering} if self.sign_decided else {self.reordering, self.opposite}
+        return self.order_decided and self.applied not in possible
+
+    @property
+    def message(self) -> str:
+        """What was found and what to do about it, in one line."""
+        if not self.order_decided:
+            return (
+                "order of the views undecided, hardly anything moves with the grid in any order; check the "
+                "number of its rows and columns and how its views are numbered"
+            )
+        use, opposite = self._advice(self.reordering), self._advice(self.opposite)
+        if self.wrong:
+            found = f"views are not in the expected order, top to bottom and left to right; {use}"
+            return found if self.sign_decided else f"{found}, or if near and far come out swapped {opposite}"
+        if self.sign_decided:
+            return "views are in order"
+        other = opposite if self.reordering == self.applied else use
+        return (
+            "rows and columns of views are in order, the sign of disparity is undecided, too few surfaces "
+            f"hide each other; if near and far come out swapped {other}"
+        )
+
+    def _advice(self, reordering: Reordering) -> str:
+        return f"use {reordering.options}" if reordering.options else f"leave out {self.applied.options}"
+
+
+def check_orientation(
+    lf: LightField, *, applied: Reordering = AS_STORED, threads: int | None = None
+) -> Orientation:
+    """Test on the pixels whether the views are in order.
+
+    Parameters
+    ----------
+    lf
+        Light field as it was read.
+    applied
+        What it was read with, so that the advice is for reading it again.
+    threads
+        Number of threads; None takes every processor. The result does not depend on it.
+
+    Returns
+    -------
+    Orientation
+        Undecided where the scene cannot tell: without texture, or with all of it at zero disparity, nothing
+        shows the order; without surfaces that hide each other, nothing shows the sign.
+
+    Raises
+    ------
+    LightFieldError
+        If no view in line with the reference view is present.
+    """
+    limit = widest(lf)
+    probe = make_probe(lf, limit, shrink_to(lf, _SIDES[0]), _RINGS)
+    with Workers(threads) as workers:
+        order, agreeing, decisive = _find_order(probe, limit, workers)
+        span = coarse_range(probe, limit, workers, order)
+        sign = _Sign() if span is None else _find_sign(lf, span, order, workers)
+    expected, opposite = _remedies(lf, order)
+    if sign.decided and sign.far_wins > sign.near_wins:
+        expected, opposite = opposite, expected
+    return Orientation(
+        reordering=applied.then(expected),
+        opposite=applied.then(opposite),
+        applied=applied,
+        order_evidence=agreeing,
+        sign_evidence=sign.majority,
+        order_decided=decisive >= _DECISIVE and agreeing >= _AGREEING,
+        sign_decided=sign.decided,
+    )
+
+
+def _find_order(probe: Probe, limit: float, workers: Workers) -> tuple[Order, float, float]:
+    """The best order, the share of decisive pixels that are for it, and the share of decisive ones."""
+    planes = plane_range(-limit, limit, probe.unit)
+    mirrored = (False, True) if probe.offsets.any(axis=0).all() else (False,)  # one row has only a sign
+    orders = [Order(transposed, mirror) for transposed in (False, True) for mirror in mirrored]
+    costs = np.stack([match(probe, planes, workers, order).cost for order in orders])
+    first, second = np.partition(costs, 1, axis=0)[:2]
+    decisive = better(first, second)
+    votes = np.bincount(costs.argmin(axis=0)[decisive], minlength=len(orders))
+    best = int(votes.argmax())
+    return orders[best], float(votes[best] / max(votes.sum(), 1)), float(decisive.mean())
+
+
+def _remedies(lf: LightField, order: Order) -> tuple[Reordering, Reordering]:
+    """What mends an order if disparity has the expected sign, and if it has the opposite one."""
+    rows, columns = lf.shape[1::-1] if order.transposed else lf.shape[:2]
+    expected = Reordering(order.transposed, flip_v=False, flip_u=order.mirrored)
+    opposite = Reordering(order.transposed, flip_v=rows > 1, flip_u=columns > 1 and not order.mirrored)
+    return expected, opposite
+
+
+@dataclass(frozen=True)
+class _Sign:
+    """Number of occlusions in which the surface of larger disparity wins, and in which it loses."""
+
+    near_wins: int = 0
+    far_wins: int = 0
+
+    @property
+    def majority(self) -> float:
+        more, all_ = max(self.near_wins, self.far_wins), self.near_wins + self.far_wins
+        return more / all_ if all_ else 0.5
+
+    @property
+    def decided(self) -> bool:
+        return self.near_wins + self.far_wins >= _FEWEST and self.majority >= _MAJORITY
+
+
+def _find_sign(lf: LightField, span: tuple[float, float], order: Order, workers: Workers) -> _Sign:
+    """Compare the occlusions of surfaces within a range of disparities."""
+    sign = _Sign()
+    for shrink in dict.fromkeys(shrink_to(lf, side) for side in _SIDES):
+        probe = make_probe(lf, max(-span[0], span[1]), shrink, _RINGS)
+        found = match(probe, plane_range(*span, probe.unit / 2), workers, order, halves=True)
+        pixels = _Pixels(probe, found, order)
+        counts = [pixels.occlusions(view) for view in range(len(probe.views))]
+        sign = _Sign(sum(near for near, _ in counts), sum(far for _, far in counts))
+        if sign.decided:
+            break
+    return sign
+
+
+class _Pixels:
+    """The certain pixels of the reference view, from far to near."""
+
+    def __init__(self, probe: Probe, found: Match, order: Order) -> None:
+        self.probe = probe
+        self.grid = probe.ordered(order)
+        places = np.flatnonzero(found.certain)
+        places = places[np.argsort(found.disparity.flat[places], kind="stable")]
+        self.disparity = found.disparity.flat[places]
+        self.y, self.x = np.divmod(places, found.disparity.shape[1])
+        self.level = probe.reference.flat[places]
+
+    def occlusions(self, view: int) -> tuple[int, int]:
+        """How often two surfaces meet in a pixel of a view that shows the nearer one, or the farther one.
+
+        Both have to be seen in a view on the other side, where they move apart: otherwise a disparity that is
+        wrong beside an occlusion boundary would count.
+        """
+        opposite = self._opposite(view)
+        if opposite is None:
+            return 0, 0
+        error = self._error(view)
+        known = np.flatnonzero(np.isfinite(error) & (self._error(opposite) < _SAME))
+        near, far = self._meeting(view, known)
+        away = float(np.abs(self.grid[view]).max()) / self.probe.shrink
+        jump = (self.disparity[near] - self.disparity[far]) * away > _JUMP
+        distinct = np.abs(self.level[near] - self.level[far]) > _OTHER
+        near, far = near[jump & distinct], far[jump & distinct]
+        return self._wins(error[near], error[far]), self._wins(error[far], error[near])
+
+    @staticmethod
+    def _wins(error: NDArray[np.float32], other: NDArray[np.float32]) -> int:
+        return int(np.count_nonzero((error < _SAME) & (other > _OTHER)))
+
+    def _opposite(self, view: int) -> int | None:
+        """The view that comes closest to the mirror image of a view about the reference view."""
+        along = self.grid @ self.grid[view]
+        nearest = int(np.abs(self.grid + self.grid[view]).sum(axis=1).argmin())
+        return nearest if along[nearest] < 0 else None
+
+    def _landing(self, view: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Where the pixels appear in a view, (y, x)."""
+        v, u = self.grid[view]
+        moved = self.disparity / np.float32(self.probe.shrink)
+        return self.y - moved * np.float32(v), self.x - moved * np.float32(u)
+
+    def _meeting(self, view: int, known: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Nearest and farthest of the known pixels that land on one pixel of a view, where they differ."""
+        y, x = (np.rint(part[known]).astype(np.intp) for part in self._landing(view))
+        height, width = self.probe.reference.shape
+        target = y * width + x
+        near, far = np.full(height * width, -1, np.intp), np.full(height * width, -1, np.intp)
+        near[target] = known  # from far to near: the last one stays
+        far[target[::-1]] = known[::-1]
+        several = near != far
+        return near[several], far[several]
+
+    def _error(self, view: int) -> NDArray[np.float32]:
+        """Difference between the view, where the pixels appear in it, and the pixels; infinite outside."""
+        y, x = self._landing(view)
+        height, width = self.probe.reference.shape
+        outside = (y < 0) | (x < 0) | (y > height - 1) | (x > width - 1)
+        y, x = np.clip(y, 0, height - 1.001), np.clip(x, 0, width - 1.001)
+        row, column = y.astype(np.intp), x.astype(np.intp)
+        down, right = y - row, x - column
+        picture, column = self.probe.views[view], column + self.probe.margin
+        upper = picture[row, column] * (1 - right) + picture[row, column + 1] * right
+        lower = picture[row + 1, column] * (1 - right) + picture[row + 1, column + 1] * right
+        error = np.abs(upper * (1 - down) + lower * down - self.level)
+        return np.where(outside, np.float32(np.inf), error)

@@ -1,0 +1,180 @@
+"""The range of disparities of a light field, found from its views."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from math import isfinite
+
+import numpy as np
+
+from lfdepth.engines.cpu.workers import Workers
+from lfdepth.errors import LightFieldError
+from lfdepth.lightfield import LightField
+from lfdepth.probe.matching import (
+    IN_ORDER,
+    Match,
+    Order,
+    Probe,
+    make_probe,
+    match,
+    plane_range,
+    shrink_to,
+    widest,
+)
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What makes a surface at an end of the range.
+
+    Attributes
+    ----------
+    share
+        Smallest share of the pixels that lie close together in disparity; at least 8 pixels.
+    neighbours
+        How many of a pixel's 8 neighbours have to agree with it.
+    """
+
+    share: float
+    neighbours: int
+
+    def times(self, factor: float) -> Evidence:
+        """The same with so many times as many pixels."""
+        return replace(self, share=self.share * factor)
+
+
+# Little of a thin structure is left in shrunk views, and an end too far out only costs time.
+_COARSE = Evidence(share=5e-4, neighbours=2)
+_FINE = Evidence(share=1.5e-3, neighbours=6)
+# Of a surface that is seen only through the gaps of another, no pixel has that many neighbours.
+_GAPS = Evidence(share=5e-3, neighbours=3)
+_FEWEST = 8
+_RINGS = 1.0, 1 / 3
+# Shorter side, px, of the views for either sweep.
+_COARSE_SIDE, _FINE_SIDE = 256, 1024
+# In `Probe.unit`: how well neighbours agree; by how much the fine sweep is wider; the margin of the result.
+_AGREEMENT, _SLACK, _MARGIN = 0.25, 2.0, 0.15
+_NARROWEST, _WIDEST_MARGIN = 1.0, 0.05
+# Nearly all pixels; from how far away, in `Probe.unit`, others are doubted; how much, in grey levels.
+_BULK, _APART, _DOUBT = (0.05, 0.95), 4.0, 4.0
+# How often neighbours are averaged: where the outermost view moves little, single pixels scatter far.
+_CALMING = 2
+# The `Probe.reach` of 5×5 views; where it is less, as many more pixels have to be at an end.
+_USUAL_REACH = 2
+
+
+def find_range(
+    lf: LightField, *, limit: float | None = None, threads: int | None = None
+) -> tuple[float, float]:
+    """Find the range of disparities from the views.
+
+    A coarse sweep of shrunk views over a wide range, then a fine one over what the first one found. Surfaces
+    count if they have texture and cover at least 0.15 % of the reference view (0.3 % in 3×3 views, 0.5 %
+    where they are seen only through gaps). What is seen only through gaps is missed if they are so narrow
+    that most views see something else in them.
+
+    Parameters
+    ----------
+    lf
+        Light field with its views in order; its own range, if it has one, is not looked at.
+    limit
+        Largest |D| to look for, px per view step; by default the one at which the outermost view moves by a
+        quarter of the picture. Periodic texture is ambiguous in a wide range: if nothing is found, narrower
+        ones are tried.
+    threads
+        Number of threads; None takes every processor. The result does not depend on it.
+
+    Returns
+    -------
+    (min, max) disparity in px per view step, with a small margin.
+
+    Raises
+    ------
+    LightFieldError
+        If the views agree on no disparity, for want of texture or because their order is wrong; or the limit
+        is not positive.
+    """
+    limit = widest(lf) if limit is None else limit
+    if not (isfinite(limit) and limit > 0):
+        raise LightFieldError(f"limit: found {limit}, expected a positive number of px per view step")
+    with Workers(threads) as workers:
+        found = coarse_range(make_probe(lf, limit, shrink_to(lf, _COARSE_SIDE), _RINGS), limit, workers)
+        if found is not None:
+            probe = make_probe(lf, max(-found[0], found[1]), shrink_to(lf, _FINE_SIDE), _RINGS)
+            fine = match(probe, plane_range(*found, probe.unit / 2), workers)
+            found = _fine_ends(fine, probe.unit, max(1.0, _USUAL_REACH / probe.reach))
+    if found is None:
+        raise LightFieldError(
+            f"{lf.name}: views agree on no disparity within {limit:g} px per view step; expected texture "
+            "that moves with the views; give --range MIN MAX (range=(min, max) in Python), or check the order"
+        )
+    margin = min(_MARGIN * probe.unit, _WIDEST_MARGIN)
+    return found[0] - margin, found[1] + margin
+
+
+def coarse_range(
+    probe: Probe, limit: float, workers: Workers, order: Order = IN_ORDER
+) -> tuple[float, float] | None:
+    """Range that holds all surfaces and some more; None if none is found.
+
+    Parameters
+    ----------
+    probe
+        Shrunk views.
+    limit
+        Largest |D| to look for, px per view step; if nothing is found, it is halved.
+    workers
+        Threads.
+    order
+        How the views are taken.
+    """
+    while limit > _NARROWEST / 2:
+        found = ends(
+            match(probe, plane_range(-limit, limit, probe.unit), workers, order), probe.unit, _COARSE
+        )
+        if found is not None:
+            return found[0] - _SLACK * probe.unit, found[1] + _SLACK * probe.unit
+        limit /= 2
+    return None
+
+
+def _fine_ends(found: Match, unit: float, scatter: float) -> tuple[float, float] | None:
+    """Ends by the better evidence, unless the weaker one shows a surface that lies apart from them.
+
+    `scatter` is above 1 for few views, where single pixels err more.
+    """
+    for _ in range(_CALMING):
+        found = found.calmed(_AGREEMENT * unit)
+    found = _doubted(found, unit, np.float32(_DOUBT * (scatter - 1)))
+    weak, strong = ends(found, unit, _GAPS.times(scatter)), ends(found, unit, _FINE.times(scatter))
+    if weak is None or strong is None:
+        return weak
+    low = weak[0] if weak[0] < strong[0] - unit else strong[0]
+    high = weak[1] if weak[1] > strong[1] + unit else strong[1]
+    return low, high
+
+
+def _doubted(found: Match, unit: float, doubt: np.float32) -> Match:
+    """The same with less trust in pixels far from nearly all others: periodic texture puts some there."""
+    known = found.disparity[found.certain]
+    if not (known.size and doubt):
+        return found
+    low, high = np.quantile(known, _BULK)
+    apart = (found.disparity < low - _APART * unit) | (found.disparity > high + _APART * unit)
+    return replace(found, runner_up=np.where(apart, found.runner_up - doubt, found.runner_up))
+
+
+def ends(found: Match, unit: float, evidence: Evidence) -> tuple[float, float] | None:
+    """Smallest and largest disparity of a surface; None if there is none.
+
+    Wrong matches may lie anywhere in a wide range, but few of them close together; a surface puts many
+    pixels within one `unit`. The inner end of the outermost such group counts: beside occlusion boundaries,
+    pixels of neither surface are found a little outside.
+    """
+    disparity = np.sort(found.disparity[found.coherent(_AGREEMENT * unit, evidence.neighbours)])
+    count = max(_FEWEST, round(evidence.share * found.disparity.size))
+    groups = np.flatnonzero(disparity[count:] - disparity[:-count] <= unit)
+    if not groups.size:
+        return None
+    low, high = float(disparity[groups[0] + count]), float(disparity[groups[-1]])
+    return min(low, high), max(low, high)

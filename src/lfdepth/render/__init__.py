@@ -1,0 +1,1 @@
+"""What an estimate is used for: refocusing, seeing past an occluder, masks per view."""

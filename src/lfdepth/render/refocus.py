@@ -1,0 +1,308 @@
+"""What a disparity map is good for: refocusing, a picture in focus everywhere, seeing through an occluder.
+
+A point that the reference view shows at (x, y) with disparity D is at (x − D·u, y − D·v) in view (u, v).
+Averaging all views there focuses on D, as a lens as wide as the grid of cameras would.
+"""
+
+from __future__ import annotations
+
+import re
+from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfdepth.errors import LightFieldError
+from lfdepth.io.atomic import atomic, atomic_folder
+from lfdepth.io.record import checked_map
+from lfdepth.lightfield import LightField
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from lfdepth.estimation import Result
+
+JUMP = 0.25
+"""Difference of disparities, px per view step, from which on neighbouring pixels are of two surfaces."""
+
+_MASK_FILE = re.compile(r"mask_v\d+_u\d+\.png")
+
+
+def refocus(
+    lf: LightField,
+    disparity: float,
+    *,
+    without_foreground: float | None = None,
+    disparity_map: Result | NDArray[Any] | None = None,
+    threads: int | None = None,
+) -> NDArray[Any]:
+    """Focus on a plane: shift all views so that it falls into register, and average them.
+
+    Parameters
+    ----------
+    lf
+        Light field.
+    disparity
+        Plane, px per view step.
+    without_foreground
+        Leave out what is nearer than this disparity: each pixel is the mean of those views in which no such
+        occluder covers it, or of all views if it is covered in all of them.
+    disparity_map
+        (H, W) disparity of the reference view, or the result of `estimate`: where the foreground is.
+    threads
+        Number of threads; None takes every processor. The result does not depend on it.
+
+    Returns
+    -------
+    (H, W, C) array of the views' type. Near the border it is the mean of the views that reach there.
+
+    Raises
+    ------
+    LightFieldError
+        If a disparity is not finite or so large that no other view shows anything of the reference view, the
+        plane itself would be left out, or the map is missing, not finite, or of another size than the views.
+    """
+    check_reach(lf, disparity, "disparity")
+    plane = np.full((lf.height, lf.width), disparity, np.float32)
+    picture, _ = _average(lf, plane, threads)
+    if without_foreground is not None:
+        _check_finite(without_foreground, "without_foreground")
+        if disparity > without_foreground:
+            raise LightFieldError(
+                f"without_foreground: found {without_foreground:g}, expected at least the {disparity:g} px "
+                "per view step that is focused on; raise it or focus farther away"
+            )
+        if disparity_map is None:
+            raise LightFieldError(
+                "disparity_map: found none, expected where the foreground is; give a map, or estimate one"
+            )
+        limit = np.full_like(plane, without_foreground)
+        behind, seen = _average(lf, plane, threads, _checked_map(disparity_map, lf), limit)
+        picture = np.where(seen[..., None] > 0, behind, picture)
+    return _as_samples(picture, lf)
+
+
+def all_in_focus(
+    lf: LightField, disparity_map: Result | NDArray[Any], *, threads: int | None = None
+) -> NDArray[Any]:
+    """Focus every pixel at its own disparity.
+
+    The result is the reference view with the noise of all views averaged out. Views in which a pixel is
+    hidden by something nearer do not count.
+
+    Parameters
+    ----------
+    lf
+        Light field.
+    disparity_map
+        (H, W) disparity of the reference view, or the result of `estimate`.
+    threads
+        Number of threads; None takes every processor. The result does not depend on it.
+
+    Returns
+    -------
+    (H, W, C) array of the views' type.
+
+    Raises
+    ------
+    LightFieldError
+        If the map is not finite, or of another size than the views.
+    """
+    surface = _checked_map(disparity_map, lf)
+    picture, seen = _average(lf, surface, threads, surface, surface + np.float32(JUMP))
+    return _as_samples(np.where(seen[..., None] > 0, picture, lf.reference), lf)
+
+
+def foreground_masks(
+    lf: LightField,
+    disparity_map: Result | NDArray[Any],
+    disparity: float,
+    *,
+    at: float | None = None,
+) -> NDArray[np.bool_]:
+    """The 4-D foreground mask: where each view shows something nearer than a disparity.
+
+    Every pixel of the reference view is carried to every view at its own disparity, so that the mask follows
+    slanted and staggered foreground exactly; the paper's mask (eq. 7) carries all of it as one plane. What
+    the reference view does not see is unknown and counts as background: foreground that is hidden behind
+    nearer foreground, or that lies outside its frame.
+
+    Parameters
+    ----------
+    lf
+        Light field.
+    disparity_map
+        (H, W) disparity of the reference view, or the result of `estimate`.
+    disparity
+        Everything above it is foreground, px per view step.
+    at
+        Plane at which the masks are wanted, as `sweep.reparam.reparameterise` shifts the views; by default
+        each mask has the coordinates of its own view, which is the plane at 0.
+
+    Returns
+    -------
+    (V, U, H, W) bool; False for absent views.
+
+    Raises
+    ------
+    LightFieldError
+        If a disparity is not finite, `at` shifts all views out of the frame, or the map is not finite or of
+        another size than the views.
+    """
+    _check_finite(disparity, "disparity")
+    check_reach(lf, 0.0 if at is None else at, "at")
+    surface = _checked_map(disparity_map, lf)
+    masks = np.zeros(lf.shape[:4], np.bool_)
+    for index, v, u in _present_views(lf):
+        masks[index] = _front(surface, v, u, at or 0.0) > disparity
+    return masks
+
+
+def write_masks(folder: str | Path, masks: NDArray[np.bool_], lf: LightField) -> None:
+    """Write a mask per view as `mask_v03_u05.png`, white = foreground; all of them or nothing.
+
+    Parameters
+    ----------
+    folder
+        To be created; its parent has to exist. An empty folder or earlier masks are replaced.
+    masks
+        (V, U, H, W) bool.
+    lf
+        Light field of the masks: nothing is written for views that are absent.
+
+    Raises
+    ------
+    LightFieldError
+        If the masks do not have the light field's shape, or the folder cannot be written or holds something
+        else.
+    """
+    from PIL import Image
+
+    if masks.shape != lf.shape[:4]:
+        raise LightFieldError(
+            f"{folder}: masks have shape {masks.shape}; expected {lf.shape[:4]}, a mask for each view of "
+            f"{lf.name}; give both together"
+        )
+    digits = max(2, len(str(max(masks.shape[:2]) - 1)))
+    with atomic_folder(folder, holds_masks) as temporary:
+        for (row, column), _, _ in _present_views(lf):
+            mask = Image.fromarray(masks[row, column].astype(np.uint8) * np.uint8(255))
+            mask.save(temporary / f"mask_v{row:0{digits}d}_u{column:0{digits}d}.png")
+
+
+def holds_masks(folder: Path) -> bool:
+    """Whether a folder holds nothing but masks, and so may be replaced by others."""
+    return all(_MASK_FILE.fullmatch(entry.name) for entry in folder.iterdir())
+
+
+def write_picture(path: str | Path, picture: NDArray[Any]) -> None:
+    """Write a picture (H, W, C) as PNG: 8 bits for uint8 samples, 16 bits for all others.
+
+    Raises
+    ------
+    LightFieldError
+        If the path does not end in .png, or cannot be written.
+    """
+    import imagecodecs
+
+    path = Path(path)
+    if path.suffix.lower() != ".png":
+        raise LightFieldError(f"{path}: unknown ending {path.suffix or '(none)'}; expected .png; choose it")
+    if picture.dtype == np.float32:
+        picture = np.rint(np.clip(picture, 0, 1) * 65535).astype(np.uint16)
+    encoded = imagecodecs.png_encode(np.ascontiguousarray(picture))
+    with atomic(path) as temporary:
+        temporary.write_bytes(encoded)
+
+
+def _average(
+    lf: LightField,
+    focus: NDArray[np.float32],
+    threads: int | None,
+    surface: NDArray[np.float32] | None = None,
+    limit: NDArray[np.float32] | None = None,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Mean (H, W, C) of the views that show the points at disparity `focus`, and how many (H, W) do.
+
+    With the `surface` that the reference view sees, views do not count where they show something nearer than
+    `limit`, a disparity for each point.
+    """
+    from lfdepth.engines.cpu.focusing import gather_kernel
+    from lfdepth.engines.cpu.workers import Workers
+
+    total: NDArray[np.float32] = np.zeros((lf.height, lf.width, lf.shape[4]), np.float32)
+    count: NDArray[np.float32] = np.zeros((lf.height, lf.width), np.float32)
+    front = np.zeros_like(focus)
+    if limit is None:
+        limit = np.full_like(focus, np.inf)
+    with Workers(threads) as workers:
+        for index, v, u in _present_views(lf):
+            if surface is not None:
+                front = _grown(_front(surface, v, u))
+            view = lf.views[index]
+            workers.rows(lf.height, gather_kernel, total, count, view, v, u, focus, front, limit)
+    total /= np.maximum(count, 1)[..., None]
+    return total, count
+
+
+def _present_views(lf: LightField) -> Iterator[tuple[tuple[int, int], int, int]]:
+    """Index of each view that is there, and its row v and column u from the reference view."""
+    for row, column in np.ndindex(*lf.shape[:2]):
+        if lf.present is None or lf.present[row, column]:
+            yield (row, column), row - lf.centre[0], column - lf.centre[1]
+
+
+def _front(surface: NDArray[np.float32], v: int, u: int, plane: float = 0.0) -> NDArray[np.float32]:
+    """Disparity (H, W) of what view (u, v) shows, as seen from a plane; −inf where nothing is known of it."""
+    from lfdepth.engines.cpu.focusing import splat_kernel
+
+    front = np.full(surface.shape, -np.inf, np.float32)
+    splat_kernel(front, surface, plane, v, u, JUMP)
+    return front
+
+
+def _grown(front: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Nearest disparity within 3×3 px: at a boundary, a pixel shows both surfaces."""
+    rows = np.pad(front, ((1, 1), (0, 0)), "edge")
+    rows = np.maximum(np.maximum(rows[:-2], rows[1:-1]), rows[2:])
+    columns = np.pad(rows, ((0, 0), (1, 1)), "edge")
+    return np.asarray(np.maximum(np.maximum(columns[:, :-2], columns[:, 1:-1]), columns[:, 2:]))
+
+
+def _as_samples(picture: NDArray[np.float32], lf: LightField) -> NDArray[Any]:
+    """Mean values as samples of the views' type."""
+    if lf.views.dtype == np.float32:
+        return np.asarray(np.clip(picture, 0, 1), np.float32)
+    return np.rint(picture).astype(lf.views.dtype)
+
+
+def _checked_map(disparity_map: Result | NDArray[Any], lf: LightField) -> NDArray[np.float32]:
+    values = disparity_map if isinstance(disparity_map, np.ndarray) else disparity_map.disparity
+    values = checked_map(values, "disparity_map")
+    if values.shape != (lf.height, lf.width):
+        raise LightFieldError(
+            f"disparity_map: found {values.shape[1]}x{values.shape[0]} px, expected {lf.width}x{lf.height} "
+            f"like the views of {lf.name}; crop and scale both alike"
+        )
+    return np.ascontiguousarray(values)
+
+
+def check_reach(lf: LightField, disparity: float, what: str) -> None:
+    """Raise LightFieldError unless some view beside the reference view overlaps it on a plane."""
+    _check_finite(disparity, what)
+    others = [(v, u) for _, v, u in _present_views(lf) if (v, u) != (0, 0)]
+    if others and not any(
+        abs(disparity * v) < lf.height and abs(disparity * u) < lf.width for v, u in others
+    ):
+        most = max(lf.height if lf.shape[0] > 1 else 0, lf.width if lf.shape[1] > 1 else 0)
+        raise LightFieldError(
+            f"{what}: found {disparity:g} px per view step, which moves every other view out of the picture; "
+            f"expected less than {most} px either way; see lfdepth info for the scene's range"
+        )
+
+
+def _check_finite(value: float, what: str) -> None:
+    if not isfinite(value):
+        raise LightFieldError(f"{what}: found {value}, expected a finite number of px per view step")
