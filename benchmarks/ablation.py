@@ -40,14 +40,14 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "no fitted planes": (METHOD, {"fit_radius": 0}),
     "no edge decision": (METHOD, {"edge_passes": 0}),
     "no gloss": (METHOD, {"gloss": False}),
-    "no visibility, no edges": (METHOD, {"occlusion": "none"}),
+    "no visibility, no edges": (METHOD, {"visibility": False}),
     "not normalised": (METHOD, {"normalise": False}),
     "grey guide": (METHOD, {"guide": "grey"}),
     "step 0.14": (METHOD, {"step": 0.14}),
     "step 0.035": (METHOD, {"step": 0.035}),
     "windows of 9 px": (METHOD, {"radius": 4, "photo_radius": 4}),
     "ε = 1e-4": (METHOD, {"epsilon": 1e-4}),
-    "signs alone (fbs-sfa)": (METHOD, {"decoder": "sfa", "occlusion": "none"}),
+    "signs alone (fbs-sfa)": ("fbs-sfa", {"step": 0.07, "radius": 3, "epsilon": 2e-6}),
     "fbsocc-sfa": ("fbsocc-sfa", {}),
 }
 """Name of the variant: method and changed options."""

@@ -8,24 +8,18 @@ Writes docs/images/fbs-vis-NAME.png and prints the numbers that go with it.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
 
 import lfdepth
-import lfdepth.estimation as sweep
 from ablation import light_fields, with_textureless
 from lfdepth import LightField, pictures, scenes
-from lfdepth.blocks.edges import DepthEdges
-from lfdepth.blocks.energy import JointEnergy
-from lfdepth.blocks.visibility import nearest_surfaces
-from lfdepth.engines.cpu.workers import Workers
-from lfdepth.estimation import Result
+from lfdepth.engines.cpu.engine import CpuEngine
+from lfdepth.engines.layout import VISIBILITY_MARGIN, plane_horizon
 from lfdepth.pictures import (
     ERROR_LABEL,
     ERROR_LIMIT,
@@ -37,7 +31,9 @@ from lfdepth.pictures import (
     score_line,
     view_colours,
 )
+from lfdepth.result import Result
 from lfdepth.scoring.metrics import badpix, near_boundaries, region
+from lfdepth.trace import Trace
 from reporting import Cell as TableCell
 from reporting import markdown
 
@@ -56,56 +52,47 @@ Pixels = NDArray[np.uint8]
 
 @dataclass(eq=False)
 class Watch:
-    """What a run's blocks had in hand: of every decision, maps (H, W) and shares of views (K, H, W)."""
+    """What a run's blocks had in hand.
+
+    Of three decisions, that of the first map, one with the votes of all views on all planes, and the last:
+    maps (H, W) and shares of views (K, H, W).
+    """
 
     signs: list[Map] = field(default_factory=list)
     both: list[Map] = field(default_factory=list)
     paths: list[Map] = field(default_factory=list)
-    shares: list[NDArray[np.uint8]] = field(default_factory=list)
+    shares: list[Map] = field(default_factory=list)
     median: Map | None = None
+
+    def take(self, trace: Trace, decision: int, first: float, step: float) -> None:
+        """Add a decision of a run."""
+        signs, joint = (trace.kept[name][decision] for name in ("sign energies", "joint energies"))
+        self.signs.append(least(signs, first, step))
+        self.both.append(least(joint, first, step))
+        self.paths.append(trace.kept["decisions"][decision])
+        self.shares.append(trace.kept["shares"][decision])
+
+
+KEPT = ("sign energies", "joint energies", "shares", "decisions", "median")
 
 
 def watched(lf: LightField) -> tuple[Result, Watch]:
-    """Estimate with `METHOD`.
+    """Estimate with `METHOD`, and once more without visibility for the decision between."""
+    watch, trace, everywhere = Watch(), Trace(keep=KEPT), Trace(keep=KEPT)
+    result = lfdepth.estimate(lf, METHOD, trace=trace)
+    lfdepth.estimate(lf, METHOD, trace=everywhere, visibility=False, range=result.range)
+    step = step_of(result)
+    watch.take(trace, 0, result.range[1], 2 * step)
+    watch.take(everywhere, 0, result.range[1], step)
+    watch.take(trace, 1, result.range[1], step)
+    watch.median = trace.kept["median"][-1]
+    return result, watch
 
-    Decisions are that of the first map, one with the votes of all views on all planes, and the last.
-    """
-    watch = Watch()
 
-    class Energy(JointEnergy):
-        def recount(self, disparity: Map, workers: Workers) -> Iterator[int]:
-            self.stride = 1
-            for index in range(len(self.planes)):
-                self._count(index, None, workers)
-            self.decide(workers)
-            yield from super().recount(disparity, workers)
-
-        def decide(self, workers: Workers) -> tuple[Map, Map]:
-            disparity, confidence = super().decide(workers)
-            watch.paths.append(disparity)
-            return disparity, confidence
-
-        def _smooth_paths(
-            self, signs: Map, photo: NDArray[np.uint8], weight: Map, workers: Workers
-        ) -> NDArray[np.int16]:
-            first, step = self.planes[0], (self.planes[0] - self.planes[1]) * self.stride
-            watch.signs.append(least(signs, first, step))
-            watch.both.append(least(signs - weight * (photo / np.float32(255)), first, step))
-            watch.shares.append(photo.copy())
-            return super()._smooth_paths(signs, photo, weight, workers)
-
-    class Edges(DepthEdges):
-        def settle(self, disparity: Map, workers: Workers, *, passes: int | None = None) -> Map:
-            watch.median = None
-            return super().settle(disparity, workers, passes=passes)
-
-        def _move_edges(self, disparity: Map, workers: Workers, caution: float = 1.0) -> Map:
-            if watch.median is None:
-                watch.median = disparity
-            return super()._move_edges(disparity, workers, caution)
-
-    with patch.object(sweep, "JointEnergy", Energy), patch.object(sweep, "DepthEdges", Edges):
-        return lfdepth.estimate(lf, METHOD), watch
+def step_of(result: Result) -> float:
+    """Distance between the planes of a result."""
+    planes = result.method.planes_for(result.range)
+    return float(planes[0] - planes[1])
 
 
 def least(energy: NDArray[np.floating[Any]], first: float, step: float) -> Map:
@@ -210,26 +197,23 @@ class Slice:
             [[np.interp(at[v], tall, view[:, c]) for v, view in enumerate(column)] for c in range(3)], axis=-1
         )
 
-    def paper_mask(self, result: Result) -> NDArray[np.bool_]:
+    def paper_mask(self, result: Result, smoothed: list[Map]) -> NDArray[np.bool_]:
         """Where the mask from J planes in front excludes a view from the vote of the background, (V, Y)."""
-        assert result.volumes is not None
-        planes, skip = result.volumes.planes, result.method.skip
+        planes, skip = result.method.planes_for(result.range), result.method.parameters()["skip"]
         index = int(np.abs(planes - self.plane).argmin())
-        foreground = result.volumes.smoothed[index - skip, :, self.column] > 0
+        foreground = smoothed[index - skip][:, self.column] > 0
         at = np.rint(self.rows + self.steps * skip * (planes[0] - planes[1])).astype(np.intp)
         return np.asarray(foreground[at] & ~foreground[self.rows])
 
     def exact_mask(self, result: Result) -> NDArray[np.bool_]:
         """The same for exact visibility."""
         count, across, height, width = self.lf.shape[:4]
-        with Workers(1) as workers:
-            everywhere = np.ones((count, across), np.bool_)
-            nearest = nearest_surfaces(result.disparity, everywhere, 0, width, workers)
-        front, horizon = nearest.in_front(self.plane)
+        engine = CpuEngine(threads=1)
+        nearest = engine.surfaces_of(result.disparity, engine.views(self.lf))
         data = nearest.data.reshape(count, across, height, width)[:, across // 2, :, self.column]
         at = np.floor(self.rows - self.steps * self.plane + 0.5).astype(np.intp)
-        views = np.arange(count)[:, None]
-        return np.asarray((data[views, at] > horizon) & (front[self.rows, self.column] == 0))
+        in_front = result.disparity[self.rows, self.column] > self.plane + VISIBILITY_MARGIN
+        return np.asarray((data[np.arange(count)[:, None], at] > plane_horizon(self.plane)) & ~in_front)
 
 
 def mask(size: int) -> None:
@@ -241,20 +225,21 @@ def mask(size: int) -> None:
     truth = truth_of(lf)
     column, row = round(COLUMN * size), round(ROW * size)
     result, watch = watched(lf)
-    paper = lfdepth.estimate(lf, "fbsocc-sfa", keep_volume=True)
+    trace = Trace(keep=("smoothed",))
+    paper = lfdepth.estimate(lf, "fbsocc-sfa", trace=trace)
+    smoothed = trace.kept["smoothed"]
     part = Slice(lf, column, np.arange(row - REACH, row + REACH + 1), float(truth[row, column]))
     figure = Figure(figsize=(9.2, 6.6), dpi=110, layout="constrained")
     grid = figure.add_gridspec(4, 2, height_ratios=(1, 1, 1, 2.4))
     panels = [figure.add_subplot(grid[index, :]) for index in range(3)]
     nothing = np.zeros((lf.shape[0], part.rows.size), np.bool_)
     _draw_slice(panels[0], part, row, nothing, "the views, moved to the wall's plane")
-    _draw_slice(
-        panels[1], part, row, part.paper_mask(paper), "red: excluded by the paper's mask (fbsocc-sfa)"
-    )
+    excluded = part.paper_mask(paper, smoothed)
+    _draw_slice(panels[1], part, row, excluded, "red: excluded by the paper's mask (fbsocc-sfa)")
     _draw_slice(panels[2], part, row, part.exact_mask(result), "red: excluded by exact visibility (fbs-vis)")
     panels[2].set_xlabel(f"row y of column {column} (dotted: y = {row})")
     left, right = (figure.add_subplot(grid[3, side]) for side in (0, 1))
-    _draw_signs(left, paper, row, column)
+    _draw_signs(left, paper, np.stack(smoothed)[:, row, column])
     _draw_shares(right, result, watch, row, column)
     for axes in (left, right):
         axes.axvline(part.plane, color="tab:green", linewidth=1)
@@ -284,15 +269,14 @@ def _draw_slice(axes: Any, part: Slice, row: int, excluded: NDArray[np.bool_], t
     axes.set_yticks([-4, 0, 4])
 
 
-def _draw_signs(axes: Any, paper: Result, row: int, column: int) -> None:
-    assert paper.volumes is not None
-    axes.plot(paper.volumes.planes, paper.volumes.smoothed[:, row, column], color="tab:grey")
+def _draw_signs(axes: Any, paper: Result, profile: Map) -> None:
+    axes.plot(paper.method.planes_for(paper.range), profile, color="tab:grey")
     axes.axhline(0, color="black", linewidth=0.6)
     axes.set_title("sign votes, paper's mask", fontsize=10, loc="left")
 
 
 def _draw_shares(axes: Any, result: Result, watch: Watch, row: int, column: int) -> None:
-    every, seeing = (shares[:, row, column] / 255 for shares in watch.shares[1:])
+    every, seeing = (shares[:, row, column] for shares in watch.shares[1:])
     planes = result.range[1] - (step_of(result)) * np.arange(len(every))
     axes.plot(planes, every, color="tab:grey", label="of all views")
     axes.plot(planes, seeing, color="tab:blue", label="of those that see past")
@@ -369,12 +353,6 @@ def few_colours(view: NDArray[Any]) -> Pixels:
 
     picture = Image.fromarray(np.ascontiguousarray(view_colours(view)))
     return np.array(picture.quantize(COLOURS, dither=Image.Dither.NONE).convert("RGB"))
-
-
-def step_of(result: Result) -> float:
-    """Distance between the planes of a result."""
-    assert result.method.step is not None
-    return result.method.step
 
 
 def save(pixels: Pixels, name: str) -> None:

@@ -13,41 +13,26 @@ import argparse
 import statistics
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 
-import lfdepth.blocks.energy as joint
-import lfdepth.estimation as sweep
+import lfdepth
 from lfdepth import LightField, scenes
-from lfdepth.blocks.decode import Accumulate, SignStep
-from lfdepth.blocks.edges import DepthEdges
-from lfdepth.blocks.energy import JointEnergy
-from lfdepth.blocks.smoothing import GuidedFilter
 from lfdepth.engines.cpu.workers import default_threads
-from lfdepth.methods import NAMES, method
+from lfdepth.methods import names
+from lfdepth.trace import Lap, Trace
 from reporting import Cell, machine_line, markdown, write_json
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 import naive
 
-BLOCKS: dict[str, list[tuple[Any, str]]] = {
-    "voting": [(sweep, "vote_plane"), (joint, "photo_plane")],
-    "smoothing": [(GuidedFilter, "smooth_quotient"), (GuidedFilter, "smooth_plane")],
-    "decoding": [
-        (SignStep, "update"),
-        (Accumulate, "update"),
-        (JointEnergy, "update"),
-        (JointEnergy, "decide"),
-        (DepthEdges, "settle"),
-    ],
-}
-"""Functions by block, where the sweep looks them up."""
+BLOCKS = ("voting", "smoothing", "decoding")
+"""Columns of the table; what a method calls otherwise counts as decoding, but for its preparation."""
+
+SKIPPED = 8
+"""First planes, which carry the preparation and may have no mask yet."""
 
 
 @dataclass(frozen=True)
@@ -70,71 +55,38 @@ class Timing:
     total: float
 
 
-class Stopwatch:
-    """Time of each block on each plane; of blocks inside one another the inner one's time is its own."""
-
-    def __init__(self) -> None:
-        self.planes: list[dict[str, float]] = []
-        self._spent = dict.fromkeys(("wall", "cpu", *BLOCKS), 0.0)
-        self._running: list[str] = []
-        self._since = time.perf_counter()
-        self._began = (time.perf_counter(), time.process_time())
-
-    def plane_done(self, _done: int = 0, _total: int = 0) -> None:
-        """Close the account of a plane; a progress callback."""
-        now = (time.perf_counter(), time.process_time())
-        self._spent["wall"], self._spent["cpu"] = now[0] - self._began[0], now[1] - self._began[1]
-        self.planes.append(self._spent)
-        self._spent, self._began = dict.fromkeys(self._spent, 0.0), now
-
-    @contextmanager
-    def attached(self) -> Iterator[None]:
-        """Wrap the blocks' functions for the time being."""
-        with ExitStack() as stack:
-            for block, places in BLOCKS.items():
-                for owner, name in places:
-                    stack.enter_context(patch.object(owner, name, self._timed(block, getattr(owner, name))))
-            yield
-
-    def _timed(self, block: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        def timed(*args: Any, **options: Any) -> Any:
-            self._charge()
-            self._running.append(block)
-            try:
-                return function(*args, **options)
-            finally:
-                self._charge()
-                self._running.pop()
-
-        return timed
-
-    def _charge(self) -> None:
-        """Put the time since the last change to the account of the block that was running."""
-        now = time.perf_counter()
-        if self._running:
-            self._spent[self._running[-1]] += now - self._since
-        self._since = now
-
-
 def time_method(lf: LightField, name: str, threads: int, planes: int) -> Timing:
     """Times of one estimate, after an estimate on few planes to warm up."""
-    skip = method(name).skip
-    sweep.estimate(lf, name, planes=skip + 2, threads=threads)
-    watch = Stopwatch()
-    with watch.attached():
-        result = sweep.estimate(lf, name, planes=planes, threads=threads, progress=watch.plane_done)
-    watch.plane_done()
-    # The first planes carry the preparation and have no mask yet; the last account is what follows them all.
-    steady = watch.planes[skip + 1 : -1]
+    lfdepth.estimate(lf, name, planes=SKIPPED, threads=threads)
+    trace = Trace()
+    result = lfdepth.estimate(lf, name, planes=planes, threads=threads, trace=trace)
+    steady = trace.laps[SKIPPED:planes]
+    # A method whose steps are its planes decides plane by plane.
+    streaming = len(trace.laps) == planes
 
-    def each(key: str) -> float:
-        if len(watch.planes) == planes + 1 and method(name).decoder != "joint":
-            return 1e3 * statistics.median(plane[key] for plane in steady)
-        return 1e3 * sum(plane[key] for plane in watch.planes) / planes
+    def each(seconds: list[float]) -> float:
+        """Milliseconds per plane: the median, or all of it by the number of planes."""
+        if streaming:
+            return 1e3 * statistics.median(seconds[SKIPPED:planes])
+        return 1e3 * sum(seconds) / planes
 
-    blocks = {block: each(block) for block in BLOCKS}
-    least = 1e3 * min(plane["wall"] for plane in steady)
-    return Timing(name, threads, planes, each("wall"), least, **blocks, cpu=each("cpu"), total=result.runtime)
+    return Timing(
+        name,
+        threads,
+        planes,
+        plane=each([lap.wall for lap in trace.laps]),
+        least=1e3 * min(lap.wall for lap in steady),
+        **{block: each([_spent(lap, block) for lap in trace.laps]) for block in BLOCKS},
+        cpu=each([lap.cpu for lap in trace.laps]),
+        total=result.runtime,
+    )
+
+
+def _spent(lap: Lap, block: str) -> float:
+    """Seconds of a step that a column of the table takes."""
+    if block != "decoding":
+        return lap.blocks.get(block, 0.0)
+    return sum(seconds for name, seconds in lap.blocks.items() if name not in (*BLOCKS[:2], "preparation"))
 
 
 def time_oracle(lf: LightField) -> dict[str, float]:
@@ -192,14 +144,14 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=9)
     parser.add_argument("--planes", type=int, default=40)
     parser.add_argument("--threads", type=int, nargs="+", default=sorted({1, default_threads()}))
-    parser.add_argument("--methods", nargs="+", default=list(NAMES))
+    parser.add_argument("--methods", nargs="+", default=list(names()))
     parser.add_argument("--no-oracle", action="store_true", help="leave the plain-NumPy plane out")
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
     lf = scenes.render(chosen.scene, size=chosen.size, views=chosen.views, samples=1)
     copy = time_copy(lf)
-    names = list(dict.fromkeys(["fbs-sfa", *chosen.methods]))
-    timings = [time_method(lf, name, n, chosen.planes) for n in chosen.threads for name in names]
+    wanted = list(dict.fromkeys(["fbs-sfa", *chosen.methods]))
+    timings = [time_method(lf, name, n, chosen.planes) for n in chosen.threads for name in wanted]
     oracle = None if chosen.no_oracle else time_oracle(lf)
     v, u, height, width, _ = lf.shape
     print(f"{chosen.scene}, {v}×{u} views of {width}×{height} px, colour. {machine_line()}.\n")

@@ -1,6 +1,6 @@
 """The oracle of the gloss block: high-passed views, the probe and the tidied mask, in plain loops.
 
-It shares no code with `lfdepth.blocks`, only the numbers that have a name there.
+It shares no code with `lfdepth` and none of its numbers.
 """
 
 from __future__ import annotations
@@ -12,24 +12,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 import naive_photo
-from lfdepth.blocks import gloss
-from lfdepth.engines.cpu import gloss as gloss_kernels
 
 Array = NDArray[Any]
+
+RADIUS, MIDDLE = 3, 128  # px of the mean that is subtracted; the level of no difference
+CELL, FEWEST_VIEWS, FEWEST_PROBED = 8, 9, 5
+ALONG, WINDOW, PROBED_RISE = 3, (1, 12), 0.07
+AREA, HOLE, GROW = 30, 200, 2
 
 
 def high_passed(views: Array) -> Array:
     """Views less their local mean, plus mid-grey: uint8 of uint8 views, else float32, whole 1/UNIT levels."""
     unit = 1 if views.dtype == np.uint8 else naive_photo.UNIT
     levels = naive_photo.levels(views) // (naive_photo.UNIT // unit)
-    radius, (height, width) = gloss_kernels.RADIUS, views.shape[2:4]
+    radius, (height, width) = RADIUS, views.shape[2:4]
     area, out = (2 * radius + 1) ** 2, np.empty_like(levels)
     for y, x in product(range(height), range(width)):
         total = np.zeros((*views.shape[:2], views.shape[4]), np.int64)
         for dy, dx in product(range(-radius, radius + 1), repeat=2):
             total += levels[:, :, min(max(y + dy, 0), height - 1), min(max(x + dx, 0), width - 1)]
         change = (2 * (area * levels[:, :, y, x] - total) + area) // (2 * area)
-        out[:, :, y, x] = np.clip(change + gloss_kernels.MIDDLE * unit, 0, 255 * unit)
+        out[:, :, y, x] = np.clip(change + MIDDLE * unit, 0, 255 * unit)
     return out.astype(np.uint8) if unit == 1 else (out / (255 * unit)).astype(np.float32)
 
 
@@ -48,17 +51,17 @@ def suspects(views: Array, thresholds: Array, texture: Array, planes: Array, pre
     """Cells where the mean rise of the peak is large, and all beside them."""
     height, width = views.shape[2:4]
     chosen, filtered = probed(present), high_passed(views)
-    cells = np.zeros((-(-height // gloss.CELL), -(-width // gloss.CELL)), bool)
-    if present.sum() < gloss._FEWEST_VIEWS or chosen.sum() < gloss._FEWEST_PROBED:
+    cells = np.zeros((-(-height // CELL), -(-width // CELL)), bool)
+    if present.sum() < FEWEST_VIEWS or chosen.sum() < FEWEST_PROBED:
         return cells
-    rows = [min(gloss.CELL * i + gloss.CELL // 2, height - 1) for i in range(len(cells))]
+    rows = [min(CELL * i + CELL // 2, height - 1) for i in range(len(cells))]
     peaks = [np.zeros((len(rows), width)), np.zeros((len(rows), width))]
     for plane, (peak, version) in product(planes, zip(peaks, (views, filtered), strict=True)):
         share = naive_photo.photo_consistency(version, plane, thresholds, chosen)
-        np.maximum(peak, _mean(share[rows], 0, gloss_kernels.ALONG), out=peak)
-    rise = _mean((peaks[1] - peaks[0]) * texture[rows], *gloss._WINDOW)
-    for i, j in np.argwhere(rise > gloss._PROBED_RISE):
-        cells[i, j // gloss.CELL] = True
+        np.maximum(peak, _mean(share[rows], 0, ALONG), out=peak)
+    rise = _mean((peaks[1] - peaks[0]) * texture[rows], *WINDOW)
+    for i, j in np.argwhere(rise > PROBED_RISE):
+        cells[i, j // CELL] = True
     return spread(cells, corners=True)
 
 
@@ -109,11 +112,11 @@ def tidied(mask: Array) -> Array:
             opened[square] = True
     kept = np.zeros_like(mask)
     for region in regions(opened):
-        for y, x in region if len(region) >= gloss._AREA else ():
+        for y, x in region if len(region) >= AREA else ():
             kept[y, x] = True
-    for _ in range(gloss._GROW):
+    for _ in range(GROW):
         kept = spread(kept, corners=False)
     for region in regions(~kept):
-        for y, x in region if len(region) <= gloss._HOLE else ():
+        for y, x in region if len(region) <= HOLE else ():
             kept[y, x] = True
     return kept

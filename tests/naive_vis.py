@@ -1,6 +1,6 @@
 """The oracle of the default method's own parts, in plain loops: visibility, energies, paths, edges, noise.
 
-It shares no code with `lfdepth.blocks`, only the numbers that have a name there. Disparities are in px per
+It shares no code with `lfdepth` and none of its numbers. Disparities are in px per
 view step, maps are (H, W), volumes (K, H, W) front to back, views (V, U, H, W, C).
 """
 
@@ -16,19 +16,26 @@ from numpy.typing import NDArray
 
 import naive
 import naive_photo
-from lfdepth.blocks import edges, noise, photo, surface, visibility
-from lfdepth.blocks import energy as joint
 from lfdepth.blocks.edges import EdgeRule
 from lfdepth.blocks.energy import JointRule
-from lfdepth.engines.cpu import edges as edges_kernels
-from lfdepth.engines.cpu import energy as joint_kernels
-from lfdepth.engines.cpu import surface as surface_kernels
-from lfdepth.engines.cpu import visibility as visibility_kernels
-from lfdepth.methods import Method
+from lfdepth.methods.fbs_vis import FbsVis
 
 Array = NDArray[Any]
 
-# Numbers that the sweep keeps inside its formulas.
+# Numbers that the method keeps inside its formulas, written down here once more: one that is changed in the
+# package alone makes the two disagree.
+FEWEST_VIEWS = 25  # that thinning leaves
+PARTS, NOTHING = 1000, -32768  # of a px per view step in which splats are kept; where nothing is known
+MARGIN = 0.2  # px per view step by which a surface has to be nearer to hide a plane
+ENERGY = 2000  # whole energies per unit
+ALIKE, LARGEST_ISLAND = 2.0, 2  # planes within which neighbours are one island; its largest size in px
+FLAT, VERTEX_REACH = 1e-4, 1.5  # curvature below which a parabola has no vertex; planes it may be away
+FIT_GATE, FIT_PRIOR, FIT_RIDGE, FIT_SHARPNESS, FIT_SPACING = 0.175, 2.0, 4.0, 10.0, 2
+FRONT_REACH, FRONT_BLUR, FRINGE = 2, 1.5, 0.05  # px, px, weight of what touches the background
+FEW_VIEWS, SAME_COLOUR, JUMP_SHARE = 3, 4.0, 0.7
+MEDIAN = (1, 0.05, 2.0)  # radius in px, standard deviations of colour and space
+SURE_PASSES, LATE, EDGE_TRUST, UNSTEADY = 2, 3.0, 0.3, 0.15
+SAMPLES, CONTRAST_WINDOW, GREY = 800, 4, 1.4
 CONTRAST = (0.03, 0.1)  # of photo-consistency over planes, where its weight rises from 0 to 1
 TEXTURE = (0.55, 0.8)  # the same for local contrast over the residual level
 TEXTURE_SLOPE = 0.2  # px
@@ -97,9 +104,9 @@ def thinned(present: Array, sparse: bool) -> Array:
         down, across = abs(i - rows // 2), abs(j - columns // 2)
         chessboard[i, j] = (down + across) % 2 == 0
         corners[i, j] = down % 2 == 0 and across % 2 == 0
-    if sparse and corners.sum() >= photo.FEWEST_VIEWS:
+    if sparse and corners.sum() >= FEWEST_VIEWS:
         return corners
-    return chessboard if chessboard.sum() >= photo.FEWEST_VIEWS else present
+    return chessboard if chessboard.sum() >= FEWEST_VIEWS else present
 
 
 def voting(views: Array, present: Array | None, sparse: bool = False) -> Array:
@@ -113,12 +120,12 @@ def voting(views: Array, present: Array | None, sparse: bool = False) -> Array:
 def splat(disparity: Array, grid: tuple[int, int]) -> Array:
     """Nearest surface at every pixel of every view (V, U, H, W), whole parts; EMPTY where none is known."""
     height, width = disparity.shape
-    nearest = np.full((*grid, height, width), visibility_kernels.EMPTY, np.int64)
+    nearest = np.full((*grid, height, width), NOTHING, np.int64)
     for i, j, y, x in product(range(grid[0]), range(grid[1]), range(height), range(width)):
         to_x = int(np.floor(x - (j - grid[1] // 2) * float(disparity[y, x]) + 0.5))
         to_y = int(np.floor(y - (i - grid[0] // 2) * float(disparity[y, x]) + 0.5))
         if 0 <= to_x < width and 0 <= to_y < height:
-            parts = int(float(disparity[y, x]) * visibility_kernels.PARTS)
+            parts = int(float(disparity[y, x]) * PARTS)
             nearest[i, j, to_y, to_x] = max(nearest[i, j, to_y, to_x], parts)
     return nearest
 
@@ -135,9 +142,9 @@ def sees(disparity: Array, plane: float, grid: tuple[int, int]) -> Array:
     for i, j, y, x in product(range(grid[0]), range(grid[1]), range(height), range(width)):
         at_x = x + int(np.floor(-(j - grid[1] // 2) * plane + 0.5))
         at_y = y + int(np.floor(-(i - grid[0] // 2) * plane + 0.5))
-        if disparity[y, x] <= plane + visibility.MARGIN and 0 <= at_x < width:
+        if disparity[y, x] <= plane + MARGIN and 0 <= at_x < width:
             level = nearest[i, j, min(max(at_y, 0), height - 1), at_x]
-            out[i, j, y, x] = level <= round((plane + visibility.MARGIN) * visibility_kernels.PARTS)
+            out[i, j, y, x] = level <= round((plane + MARGIN) * PARTS)
     return out
 
 
@@ -176,7 +183,7 @@ def joint_energy(signs: Array, share: Array, weight: Array) -> Array:
 
 def whole(energy: Array) -> Array:
     """Energies as whole numbers, cut at 2 units."""
-    return np.asarray(np.minimum(energy * joint_kernels.SCALE, 2 * joint_kernels.SCALE), np.int64)
+    return np.asarray(np.minimum(energy * ENERGY, 2 * ENERGY), np.int64)
 
 
 def colour_change(guide: Array, a: tuple[int, int], b: tuple[int, int]) -> float:
@@ -248,7 +255,7 @@ def beside(p: tuple[int, int], size: tuple[int, ...]) -> list[tuple[int, int]]:
 
 
 def alike(position: Array, p: tuple[int, int], q: tuple[int, int]) -> bool:
-    return abs(float(position[p]) - float(position[q])) <= float(joint_kernels._ALIKE)
+    return abs(float(position[p]) - float(position[q])) <= ALIKE
 
 
 def fill_islands(position: Array, planes: int, largest: int) -> Array:
@@ -282,16 +289,16 @@ def own_minimum(energy: Array, position: float, prior: float) -> tuple[float, fl
     # The parabola a·(k − near)² + b·(k − near) + c through the three energies.
     a = (energy[near - 1] - 2 * energy[near] + energy[near + 1]) / 2
     b = (energy[near + 1] - energy[near - 1]) / 2
-    if a <= float(surface_kernels._FLAT):
+    if a <= FLAT:
         return position, prior
-    reach = float(surface_kernels._REACH)
+    reach = VERTEX_REACH
     vertex = near + np.clip(-b / (2 * a), -reach, reach)
     return float((a * vertex + prior * position) / (a + prior)), float(a + prior)
 
 
 def likeness(change: float) -> float:
     """About exp(−sharpness · change)."""
-    return float(max(1 - surface._SHARPNESS / 8 * change, 0) ** 8)
+    return float(max(1 - FIT_SHARPNESS / 8 * change, 0) ** 8)
 
 
 def fit_plane(
@@ -304,9 +311,9 @@ def fit_plane(
     p: tuple[int, int],
 ) -> float:
     """Height at pixel p of the plane through the targets around it, by weighted least squares."""
-    gate = max(surface._GATE / step, FEWEST_PLANES_SLOPE)
-    ridge = surface._RIDGE * step**2 * surface.SPACING**2
-    taps = range(-radius, radius + 1, surface.SPACING)
+    gate = max(FIT_GATE / step, FEWEST_PLANES_SLOPE)
+    ridge = FIT_RIDGE * step**2 * FIT_SPACING**2
+    taps = range(-radius, radius + 1, FIT_SPACING)
     moments, moved = np.diag([0.0, ridge, ridge]), np.zeros(3)
     for dy, dx in product(taps, taps):
         q = (p[0] + dy, p[1] + dx)
@@ -323,7 +330,7 @@ def fit_plane(
 
 def fit_surfaces(position: Array, energy: Array, guide: Array, step: float, radius: int) -> Array:
     """Places between planes; energies are (H, W, K)."""
-    prior = surface._PRIOR * step**2
+    prior = FIT_PRIOR * step**2
     target, strength, out = (np.empty(position.shape) for _ in "123")
     for p in np.ndindex(*position.shape):
         target[p], strength[p] = own_minimum(energy[p], float(position[p]), prior)
@@ -334,7 +341,7 @@ def fit_surfaces(position: Array, energy: Array, guide: Array, step: float, radi
 
 def evened(position: Array, guide: Array, step: float) -> Array:
     """Binomial mean of 3 × 3 pixels; of pairs of opposite neighbours, either both take part or none does."""
-    gate = max(surface._GATE / step, FEWEST_PLANES_SLOPE)
+    gate = max(FIT_GATE / step, FEWEST_PLANES_SLOPE)
     out = position.copy()
     for y, x in np.ndindex(*position.shape):
         for dy, dx, weight in ((0, 1, 2), (1, 0, 2), (1, 1, 1), (1, -1, 1)):
@@ -373,10 +380,10 @@ def decode(
     contrast = share.max(axis=0) - share.mean(axis=0)
     weight = rule.photo_weight * ramp(contrast, *CONTRAST) * texture_weight(views, level)
     energy = joint_energy(sign_energy(smoothed, step)[::stride], share, weight)
-    slope, jump = rule.slope_penalty * stride * joint_kernels.SCALE, rule.jump_penalty * joint_kernels.SCALE
+    slope, jump = rule.slope_penalty * stride * ENERGY, rule.jump_penalty * ENERGY
     dead_zone = level * guide.shape[2]
     total = four_paths(whole(energy), guide, slope, jump, rule.edge_sharpness, dead_zone)
-    position = fill_islands(parabola(total), len(share), joint._LARGEST_ISLAND)
+    position = fill_islands(parabola(total), len(share), LARGEST_ISLAND)
     if stride == 1 and rule.fit_radius > 0:
         position = fit_surfaces(position, energy, guide, step, rule.fit_radius)
     return Decoded(
@@ -398,7 +405,7 @@ def front_colour(disparity: Array, image: Array, y: int, x: int) -> tuple[Array,
     """Weighted mean colour of the nearer surface's pixels around (y, x), and its variance over channels."""
     height, width = disparity.shape
     near, far = surfaces(disparity, y, x)
-    reach, blur = edges_kernels._REACH, float(edges_kernels._BLUR)
+    reach, blur = FRONT_REACH, FRONT_BLUR
     found = []
     for row, column in product(range(y - reach, y + reach + 1), range(x - reach, x + reach + 1)):
         inside = 1 <= row < height - 1 and 1 <= column < width - 1 and (row, column) != (y, x)
@@ -406,7 +413,7 @@ def front_colour(disparity: Array, image: Array, y: int, x: int) -> tuple[Array,
             continue
         weight = float(np.exp(-((row - y) ** 2 + (column - x) ** 2) / (2 * blur**2)))
         if surfaces(disparity, row, column)[1] < (near + far) / 2:
-            weight *= float(edges_kernels._FRINGE)
+            weight *= FRINGE
         found.append((weight, image[row, column].astype(np.float64)))
     if not found:
         return None
@@ -431,7 +438,7 @@ def back_samples(
     views: Array, present: Array | None, nearest: Array, y: int, x: int, near: float, far: float
 ) -> list[Array]:
     """Colours at the far disparity where nothing nearer than halfway was splatted."""
-    horizon = (near + far) / 2 * visibility_kernels.PARTS
+    horizon = (near + far) / 2 * PARTS
     return [
         colour
         for (i, j), at, colour in samples_at(views, present, y, x, far)
@@ -455,14 +462,14 @@ def decide_edge(
     image, channels = reference(levels), levels.shape[-1]
     behind = back_samples(levels, present, nearest, y, x, near, far)
     front = front_colour(disparity, image, y, x)
-    if front is None or len(behind) < edges_kernels._FEW_VIEWS:
+    if front is None or len(behind) < FEW_VIEWS:
         return here
     front_mean, front_variance = front
     back_mean = np.mean(behind, axis=0)
     # A normal spread's standard deviation is √(π/2) times its mean deviation.
     back_variance = float((np.pi / 2 * np.mean(np.abs(behind - back_mean), axis=0) ** 2).sum())
     apart = float(((front_mean - back_mean) ** 2).sum())
-    if apart < float(edges_kernels._SAME) * channels:
+    if apart < SAME_COLOUR * channels:
         return here
     own = image[y, x].astype(np.float64)
     is_front = here > (near + far) / 2
@@ -483,7 +490,7 @@ def edge_pixels(disparity: Array, rule: EdgeRule) -> Array:
     for y, x in product(range(1, disparity.shape[0] - 1), range(1, disparity.shape[1] - 1)):
         near, far = surfaces(disparity, y, x)
         wide = disparity[max(y - 2, 0) : y + 3, max(x - 2, 0) : x + 3]
-        share = float(edges_kernels._JUMP_SHARE) * (float(wide.max()) - float(wide.min()))
+        share = JUMP_SHARE * (float(wide.max()) - float(wide.min()))
         found[y, x] = near - far >= max(rule.jump, share)
     return found
 
@@ -503,10 +510,10 @@ def settle(
 ) -> tuple[Array, Array]:
     """Median and passes over the edges: the map, and where an edge was found."""
     guide = reference(views) / full_scale(views)
-    settled, _ = naive_photo.weighted_median(disparity, guide, *edges._MEDIAN)
+    settled, _ = naive_photo.weighted_median(disparity, guide, *MEDIAN)
     found = np.zeros(disparity.shape, bool)
     for count in range(rule.passes):
-        late = edges._LATE if count >= edges._SURE_PASSES else 1
+        late = LATE if count >= SURE_PASSES else 1
         found |= edge_pixels(settled, rule)
         settled = move_edges(settled, views, replace(rule, inertia=late * rule.inertia), present)
     return settled, found
@@ -517,8 +524,8 @@ def trust(disparity: Array, at_edge: Array) -> Array:
     out = np.empty(disparity.shape)
     for y, x in np.ndindex(*disparity.shape):
         window = disparity[max(y - STEADY, 0) : y + STEADY + 1, max(x - STEADY, 0) : x + STEADY + 1]
-        unsteady = float(window.max() - window.min()) / edges._UNSTEADY
-        out[y, x] = (edges._EDGE_TRUST if at_edge[y, x] else 1) / np.sqrt(1 + unsteady**2)
+        unsteady = float(window.max() - window.min()) / UNSTEADY
+        out[y, x] = (EDGE_TRUST if at_edge[y, x] else 1) / np.sqrt(1 + unsteady**2)
     return out
 
 
@@ -538,30 +545,30 @@ def residuals(views: Array, plane: Array, places: list[tuple[int, int]], present
     return np.array(out) / full_scale(views)
 
 
-def residual(views: Array, plane: Array, present: Array | None = None) -> noise.Residual:
+def residual(views: Array, plane: Array, present: Array | None = None) -> tuple[float, float]:
     """Low quantiles of the residuals on a regular grid of about so many pixels, every other plane."""
     height, width = views.shape[2:4]
-    spacing = max(int(np.sqrt(height * width / noise._SAMPLES)), 1)
+    spacing = max(int(np.sqrt(height * width / SAMPLES)), 1)
     places = list(
         product(range(spacing // 2, height, spacing), range(spacing // 2, width, spacing)),
     )
     found = residuals(views, plane[::2], places, present)
     level, least = np.quantile(found[np.isfinite(found)], [RESIDUAL_QUANTILE, NOISE_QUANTILE])
-    return noise.Residual(float(level), float(least))
+    return float(level), float(least)
 
 
 def texture_weight(views: Array, level: float) -> Array:
     """Where the mean contrast over a window is above the residual level."""
     change = naive_photo.local_thresholds(reference(views), TEXTURE_SLOPE, 1e-6, 0.5)
-    level = max(level, 1e-6) * (noise._GREY if views.shape[-1] == 1 else 1)
-    return ramp(naive.box_mean(change, noise._WINDOW) / level, *TEXTURE)
+    level = max(level, 1e-6) * (GREY if views.shape[-1] == 1 else 1)
+    return ramp(naive.box_mean(change, CONTRAST_WINDOW) / level, *TEXTURE)
 
 
 # All of it
 
 
 def estimate(
-    views: Array, disparity_range: tuple[float, float], method: Method, present: Array | None = None
+    views: Array, disparity_range: tuple[float, float], method: FbsVis, present: Array | None = None
 ) -> Decoded:
     """The whole method "fbs-vis", but for gloss."""
     assert method.step is not None

@@ -252,7 +252,7 @@ def test_pictures_carry_the_scores_of_the_tables_and_the_page_says_what_was_run(
         assert figures(row.mean.value) in means
     assert "<td>wedges</td><td>3×3</td><td>64×64</td>" in page
     assert "low and high resolution" in page
-    assert "decoder accumulate, step 0.2" in page
+    assert "step 0.2, delta photo, threshold 0.03" in page
 
 
 def result_of(scores: dict[str, dict[str, float]], size: int = 32) -> Bench:
@@ -374,8 +374,9 @@ def test_axes_have_round_ticks_inside() -> None:
 
 def test_settings_are_read_from_text_and_crossed() -> None:
     each = setting("fbsocc-sfa:step=0.02,skip=7,guide=grey,subplane=false")
-    assert each.options == {"step": 0.02, "skip": 7, "guide": "grey", "subplane": False}
-    assert each.resolve().skip == 7
+    used = each.resolve().parameters()
+    expected = {"step": 0.02, "skip": 7, "guide": "grey", "subplane": False}
+    assert {key: used[key] for key in expected} == expected
     crossed = cross([setting("fbs"), setting("fbs-sfa")], [{"step": 0.1}, {"step": 0.2}])
     assert [one.name for one in crossed] == [
         "fbs step=0.1",
@@ -383,9 +384,18 @@ def test_settings_are_read_from_text_and_crossed() -> None:
         "fbs-sfa step=0.1",
         "fbs-sfa step=0.2",
     ]
-    assert crossed[3].resolve().step == 0.2
+    assert crossed[3].resolve().parameters()["step"] == 0.2
     with pytest.raises(LightFieldError, match="found 'step'; expected METHOD:NAME=VALUE"):
         setting("fbs:step")
+    for word in ("False", "false", "no", "off"):
+        assert setting(f"fbs-vis:gloss={word}").resolve().parameters()["gloss"] is False
+    for text, message in (
+        ("fbs-vis:gloss=maybe", "gloss: found 'maybe', expected yes or no"),
+        ("fbs:photo_weight=5", "photo_weight: method fbs has no such parameter"),
+        ("fbs:radius=2.5", "radius: found '2.5', expected a whole number"),
+    ):
+        with pytest.raises(LightFieldError, match=message):
+            setting(text).resolve()
 
 
 def test_a_plan_is_read_from_toml(tmp_path: Path) -> None:
@@ -400,7 +410,7 @@ def test_a_plan_is_read_from_toml(tmp_path: Path) -> None:
     assert [spec.source for spec in found.scenes] == [tmp_path / "near", "leaves", "far"]
     assert found.scenes[2].range == (-1.0, 2.0)
     assert [each.name for each in found.settings] == ["fbs step=0.1", "J = 5 step=0.1"]
-    assert found.settings[1].resolve().skip == 5
+    assert found.settings[1].resolve().parameters()["skip"] == 5
     assert found.external == (tmp_path / "others",)
 
 

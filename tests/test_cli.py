@@ -97,7 +97,7 @@ def test_estimate_finds_the_plane(scene: Path, run: Run, ending: str) -> None:
     assert (status, err) == (0, "")
     assert read_disparity(f"map{ending}")[10:-10, 10:-10] == pytest.approx(DISPARITY, abs=0.05)
     assert "scene, 5×5 views of 48×48 px, colour" in out
-    step = lfdepth.method(DEFAULT_METHOD).step
+    step = lfdepth.method(DEFAULT_METHOD).parameters()["step"]
     assert step is not None
     assert f"-0.5 to 1.5 px per view step, {math.ceil(2 / step) + 1} planes" in out
     assert f"map{ending}, preview.png" in out
@@ -107,7 +107,7 @@ def test_estimate_finds_the_plane(scene: Path, run: Run, ending: str) -> None:
 
 def test_estimate_json_holds_every_parameter_given(scene: Path, run: Run) -> None:
     command = (
-        "estimate scene -o map.pfm --method fbs-sfa --range -1.25 1.5 --step 0.1 --skip 2 --delta sign "
+        "estimate scene -o map.pfm --method fbsocc-sfa --range -1.25 1.5 --step 0.1 --skip 2 --delta sign "
         "--threshold 0.2 --gradient sobel --radius 3 --epsilon 1e-3 --guide grey --no-subplane --threads 1 "
         "--json"
     )
@@ -118,7 +118,7 @@ def test_estimate_json_holds_every_parameter_given(scene: Path, run: Run) -> Non
     assert facts["planes"] == 29  # 2.75 / 0.1, rounded up, and the first
     assert facts["written"] == ["map.pfm"]
     wanted = {
-        "name": "fbs-sfa",
+        "name": "fbsocc-sfa",
         "step": 0.1,
         "skip": 2,
         "delta": "sign",
@@ -140,7 +140,8 @@ def test_planes_replace_the_step(scene: Path, run: Run) -> None:
 
 
 def test_preset_is_the_papers(scene: Path, run: Run) -> None:
-    _, out, _ = run("estimate", "scene", "-o", "map.pfm", "--preset", "paper-synthetic", "--json")
+    words = "estimate scene -o map.pfm --method fbsocc-sfa --preset paper-synthetic --json"
+    _, out, _ = run(*words.split())
     method = json.loads(out)["method"]
     assert (method["step"], method["skip"]) == (0.02, 7)  # section IV of the paper
 
@@ -396,10 +397,29 @@ def test_help_states_units_and_defaults(run: Run, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setenv("COLUMNS", "300")
     _, out, _ = run("estimate", "--help")
     assert "px per view step" in out
-    step = lfdepth.method(DEFAULT_METHOD).step
-    assert f"[default: {step:g} for {DEFAULT_METHOD}]" in next(
+    step = lfdepth.method(DEFAULT_METHOD).parameters()["step"]
+    assert f"[default: {step:g}]" in next(
         line for line in out.splitlines() if "--step" in line and "│" in line
     )
+
+
+@pytest.mark.parametrize("name", lfdepth.methods.NAMES)
+def test_help_shows_the_parameters_of_one_method_in_words(
+    run: Run, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each parameter with its range and unit; no other method's, and nothing that only the code calls so."""
+    monkeypatch.setenv("COLUMNS", "300")
+    _, out, _ = run("estimate", "--method", name, "--help")
+    own = lfdepth.methods.parameters_of(lfdepth.methods.method_class(name))
+    for other in map(lfdepth.methods.method_class, lfdepth.methods.NAMES):
+        for parameter in lfdepth.methods.parameters_of(other).values():
+            assert (f" {parameter.option} " in out) == (parameter.name in own), parameter.option
+    for parameter in own.values():
+        line = next(line for line in out.splitlines() if line.startswith(f"│ {parameter.option} "))
+        assert parameter.spec.text.split(".")[0].split(";")[0] in line
+        assert parameter.spec.unit in line
+    assert "None" not in out
+    assert "_" not in out.replace("d_step", "").replace("gt_disp", "")
 
 
 # --- what does not: one line that names what was found, what was expected and what to do
@@ -459,7 +479,7 @@ BAD_SCENES: dict[str, tuple[Spoil, list[str]]] = {
     ),
     "parameters with a range reversed": (
         lambda s: edit_config(s, "disp_min = -0.5", "disp_min = 2"),
-        ["scene/parameters.cfg", "2 to 1.5", "MIN < MAX"],
+        ["scene/parameters.cfg", "[2, 1.5]", "MIN below MAX"],
     ),
     "parameters against the number of views": (
         lambda s: edit_config(s, "num_cams_x = 5", "num_cams_x = 4"),
@@ -493,20 +513,25 @@ BAD_OPTIONS: dict[str, list[str]] = {
     "--range -1 inf": ["range", "inf", "finite"],
     "--range 1": ["--range", "2", "see lfdepth estimate --help"],
     "--range a b": ["--range", "a", "see lfdepth estimate --help"],
-    "--step 0": ["step", "0", "positive"],
-    "--step -0.1": ["step", "-0.1", "positive"],
-    "--step 0.1 --planes 9": ["step=0.1", "count=9", "exactly one"],
+    "--step 0": ["step", "0", "above 0"],
+    "--step -0.1": ["step", "-0.1", "above 0"],
+    "--step 0.1 --planes 9": ["step=0.1", "planes=9", "exactly one"],
     "--step 0.0001": ["20001 planes", "at most 2000", "--force"],
     "--planes 1": ["planes", "1", "at least 2"],
-    "--skip 0": ["skip", "J = 0", "at least 1"],
+    "--method fbsocc-sfa --skip 0": ["skip", "found 0", "at least 1"],
     "--radius 24": ["radius", "49 px", "48×48 px", "smaller --radius"],
-    "--radius 0": ["radius", "0", "at least 1"],
-    "--epsilon 0": ["epsilon", "0", "positive"],
-    "--threshold 1.5": ["threshold", "1.5", "(0, 1]"],
+    "--radius 0": ["radius", "0", "from 1 to 1000"],
+    "--epsilon 0": ["epsilon", "0", "above 0"],
+    "--threshold 1.5": ["threshold", "1.5", "above 0 and at most 1"],
     "--delta most": ["--delta", "most", "photo", "sign", "none"],
     "--gradient prewitt": ["--gradient", "prewitt", "central", "sobel"],
     "--threads 0": ["threads", "0", "at least 1"],
     "--method sgm": ["method", "'sgm'", "fbs, fbs-sfa, fbsocc-sfa"],
+    "--method fbs --photo-weight 5": ["--photo-weight", "method fbs", "--radius", "--method fbs --help"],
+    "--method fbs --no-subplane": ["--no-subplane", "method fbs"],
+    "--radius 2.5": ["--radius", "found '2.5'", "a whole number"],
+    "--jump-penalty 3": ["jump_penalty", "found 3", "from 0 to 2"],
+    "--engine abacus": ["engine", "'abacus'", "cpu, numpy"],
     "--preset mine": ["preset", "'mine'", "paper-synthetic"],
     "--quantity width": ["--quantity", "width", "disparity", "depth"],
     "--mesh": ["map.pfm", "no meshes", ".ply"],
@@ -515,7 +540,7 @@ BAD_OPTIONS: dict[str, list[str]] = {
     "--crop 0 0 49 48": ["scene", "crop 0 0 49 48", "48x48 px"],
     "--scale 2": ["scale", "2", "at most 1"],
     "--format jpeg2000": ["format 'jpeg2000'", "benchmark"],
-    "--colour": ["--colour", "see lfdepth estimate --help"],
+    "--colour": ["--colour", "see lfdepth estimate --method fbs-vis --help"],
     "--preview map.jpg": ["map.jpg", "PNG", "rename"],
     "--preview none/map.png": ["none/map.png", "folder none does not exist", "create it"],
 }

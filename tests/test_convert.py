@@ -325,7 +325,7 @@ def test_mat_beyond_its_size_is_refused_before_the_work(
         ('{"lfdepth": "light field", "shape": [3, 5, 8, 9, 3], "camera": {}}', r"x\.json: garbled"),
         (
             '{"lfdepth": "light field", "shape": [3, 5, 8, 9, 3], "disparity_range": [2, 1]}',
-            r"x\.json: garbled \(disparity_range is 2 to 1",
+            r"x\.json: garbled \(disparity_range: found \[2, 1\]",
         ),
         ('{"lfdepth": "light field", "shape": [5, 3, 8, 9, 3]}', r"array of shape .* as the notes"),
     ],

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 import naive
 from lfdepth.blocks.decode import Accumulate, SignStep, accumulate, decided, sign_step
 from lfdepth.blocks.planes import disparity_planes
-from lfdepth.engines.cpu.workers import Workers
+from lfdepth.engines import engine
 
 PLANES = disparity_planes((-1.0, 1.5), step=0.125)
 
@@ -54,10 +54,9 @@ def test_confidence_agrees_with_the_oracle(decoder: type[Accumulate] | type[Sign
 Streaming = TypeVar("Streaming", bound=SignStep | Accumulate)
 
 
-def run(decoder: Streaming, volume: NDArray[np.float32], threads: int = 1) -> Streaming:
-    with Workers(threads) as workers:
-        for index, smoothed in enumerate(volume):
-            decoder.update(index, smoothed, workers)
+def run(decoder: Streaming, volume: NDArray[np.float32]) -> Streaming:
+    for index, smoothed in enumerate(volume):
+        decoder.update(index, smoothed)
     return decoder
 
 
@@ -134,7 +133,8 @@ def test_threads_change_nothing() -> None:
     for decoder in (Accumulate, SignStep):
         one = run(decoder(PLANES, (130, 20)), volume)
         for threads in (2, 3, 5):
-            many = run(decoder(PLANES, (130, 20)), volume, threads)
+            with engine(threads=threads) as used:
+                many = run(decoder(PLANES, (130, 20), engine=used), volume)
             np.testing.assert_array_equal(many.disparity(), one.disparity())
             np.testing.assert_array_equal(many.confidence(), one.confidence())
 

@@ -13,8 +13,9 @@ import naive_vis
 from lfdepth.blocks import edges
 from lfdepth.blocks.edges import DepthEdges, EdgeRule
 from lfdepth.blocks.median import weighted_median
-from lfdepth.engines.cpu.edges import _JUMP_SHARE, sample
-from lfdepth.engines.cpu.workers import Workers
+from lfdepth.engines import engine
+from lfdepth.engines.cpu.kernels.edges import _JUMP_SHARE
+from lfdepth.engines.cpu.kernels.sampling import sample
 from lfdepth.lightfield import LightField
 
 Array = fields.Array
@@ -24,13 +25,13 @@ GRIDS = [(3, 3), (5, 5), (4, 6), (1, 5), (7, 1)]
 
 def moved(lf: LightField, disparity: Array, rule: EdgeRule, threads: int = 1) -> Array:
     """One pass over the edges, without the median."""
-    with Workers(threads) as workers:
-        return DepthEdges(lf, rule)._move_edges(disparity, workers)
+    with engine(threads=threads) as used:
+        return DepthEdges(lf, rule, engine=used).move(disparity)
 
 
 def settled(lf: LightField, disparity: Array, rule: EdgeRule, threads: int = 1) -> Array:
-    with Workers(threads) as workers:
-        return DepthEdges(lf, rule).settle(disparity, workers)
+    with engine(threads=threads) as used:
+        return DepthEdges(lf, rule, engine=used).decide(disparity)
 
 
 def rough_map(rng: np.random.Generator, size: tuple[int, int]) -> Array:
@@ -45,10 +46,11 @@ def rough_map(rng: np.random.Generator, size: tuple[int, int]) -> Array:
 
 def jumps(disparity: Array, rule: EdgeRule | None = None, threads: int = 1) -> Array:
     """Where one pass finds depth edges; the views say nothing."""
-    edges_of = DepthEdges(LightField(np.full((3, 3, *disparity.shape, 1), 99, np.uint8)), rule or EdgeRule())
-    with Workers(threads) as workers:
-        edges_of._move_edges(disparity.astype(np.float32), workers)
-    return edges_of._found
+    lf = LightField(np.full((3, 3, *disparity.shape, 1), 99, np.uint8))
+    with engine(threads=threads) as used:
+        edges_of = DepthEdges(lf, rule or EdgeRule(), engine=used)
+        edges_of.move(disparity.astype(np.float32))
+    return edges_of.found
 
 
 # Against the oracle
@@ -59,7 +61,7 @@ def test_samples_agree_with_the_oracle() -> None:
     image = rng.integers(0, 256, (6, 7, 3)).astype(np.uint8)
     out = np.empty(3, np.float32)
     for y, x in product((0, 0.25, 2.5, 4.875, 5), (0, 1.125, 5.75, 6)):
-        sample(image, y, x, out)
+        sample(image, y, x, np.float32(1), out)
         expected = naive_vis.bilinear(image, y, x)
         assert expected is not None
         np.testing.assert_allclose(out.astype(np.float64), expected, rtol=1e-6)
@@ -110,11 +112,10 @@ def test_settled_maps_agree_with_the_oracle(passes: int) -> None:
     lf = fields.light_field(rng, (5, 5), (16, 22), 3)
     disparity, rule = rough_map(rng, (16, 22)), EdgeRule(passes=passes)
     expected, at_edge = naive_vis.settle(disparity, lf.views, rule)
-    with Workers(1) as workers:
-        depth_edges = DepthEdges(lf, rule)
-        found = depth_edges.settle(disparity, workers)
+    depth_edges = DepthEdges(lf, rule)
+    found = depth_edges.decide(disparity)
     assert np.mean(found != expected) < 0.01
-    trust = depth_edges.distrust(np.ones((16, 22), np.float32), found)
+    trust = depth_edges.lower_confidence(np.ones((16, 22), np.float32), found)
     assert np.mean(np.abs(trust - naive_vis.trust(found, at_edge)) > 1e-5) < 0.01
     assert at_edge.any() == (passes > 0)
 
@@ -253,8 +254,7 @@ def test_fewer_passes_replace_the_rules() -> None:
     disparity = rough_map(rng, (20, 25))
     for passes in (0, 1, 2, 7):
         expected = settled(lf, disparity, EdgeRule(passes=min(passes, 3)))
-        with Workers(1) as workers:
-            found = DepthEdges(lf, EdgeRule(passes=3)).settle(disparity, workers, passes=passes)
+        found = DepthEdges(lf, EdgeRule(passes=3)).decide(disparity, passes=passes)
         np.testing.assert_array_equal(found, expected)
 
 
@@ -269,7 +269,7 @@ def test_no_pass_is_the_median_alone() -> None:
     rng = np.random.default_rng(2)
     lf = fields.light_field(rng, (3, 3), (15, 20), 3)
     disparity = rough_map(rng, (15, 20))
-    radius, colour, space = edges._MEDIAN
+    radius, colour, space = naive_vis.MEDIAN
     expected = weighted_median(
         disparity, lf.reference / 255, radius=radius, sigma_colour=colour, sigma_space=space
     )

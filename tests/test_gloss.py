@@ -13,11 +13,11 @@ import naive_gloss
 import naive_vis
 from lfdepth import scenes
 from lfdepth.blocks import gloss
-from lfdepth.blocks.gloss import Box, FineCount, boxes, high_passed, suspects, tidied
-from lfdepth.blocks.photo import photo_plane, prepare_colours
+from lfdepth.blocks.gloss import Box, FineCount, boxes, suspects, tidied
 from lfdepth.blocks.smoothing import GuidedFilter
-from lfdepth.blocks.visibility import nearest_surfaces
-from lfdepth.engines.cpu.workers import Workers
+from lfdepth.engines import engine
+from lfdepth.engines.cpu.engine import CpuEngine
+from lfdepth.engines.cpu.layout import colour_stack
 from lfdepth.estimation import estimate
 from lfdepth.lightfield import LightField
 
@@ -71,12 +71,11 @@ def test_high_passed_views_agree_with_the_oracle(dtype: str, channels: int, disp
     for kind, size in (("noise", (13, 37)), ("coarse", (5, 4)), ("scene", (20, 70))):
         present = fields.random_present(rng, (3, 4))
         lf = fields.light_field(rng, (3, 4), size, channels, dtype, kind, present)
-        expected = prepare_colours(LightField(naive_gloss.high_passed(lf.views)), disparity)
+        expected = colour_stack(LightField(naive_gloss.high_passed(lf.views)), disparity)
         whole = window(expected.data, (3, 4), size[0], channels)
-        stack = prepare_colours(lf, disparity)
         for box in (Box(0, size[0], 0, size[1]), Box(1, 4, 2, 3), Box(2, size[0], size[1] // 2, size[1])):
-            with Workers(2) as workers:
-                found = high_passed(stack, box, workers)
+            with CpuEngine(threads=2) as used:
+                found = used.high_passed(used.colour_views(lf, disparity), box.parts)
             data = window(found.data, (3, 4), box.bottom - box.top, channels)
             columns = box.left + np.arange(data.shape[3])
             inside = columns[columns < whole.shape[3]] - box.left
@@ -95,9 +94,9 @@ def test_suspects_agree_with_the_oracle(grid: tuple[int, int], dtype: str) -> No
     texture = rng.uniform(0.3, 1, size).astype(np.float32)
     limits, planes = naive_vis.thresholds(views), np.array([1.0, 0.5, 0.0])
     for present in (np.ones(grid, np.bool_), fields.random_present(rng, grid)):
-        stack = prepare_colours(LightField(views, present=present), 1.0)
-        with Workers(2) as workers:
-            found = suspects(stack, limits, texture, planes, workers)
+        with engine(threads=2) as used:
+            stack = used.colour_views(LightField(views, present=present), 1.0)
+            found = suspects(used, stack, limits, texture, planes)
         expected = naive_gloss.suspects(views, limits, texture, planes, present)
         np.testing.assert_array_equal(found, expected)
         if present.all():
@@ -113,12 +112,11 @@ def test_counting_in_a_box_is_counting_high_passed_views_there(box: Box) -> None
     present, limits = fields.random_present(rng, grid), naive_vis.thresholds(views)
     first = (np.where(np.arange(40) < 25, 0.8, -0.4) + rng.uniform(-0.1, 0.1, size)).astype(np.float32)
     smoothing = GuidedFilter(views[2, 1].astype(np.float32) / np.float32(255), 2, 1e-3)
-    stack = prepare_colours(LightField(views, present=present), 0.9)
-    with Workers(2) as workers:
-        nearest = nearest_surfaces(first, present, stack.margin, stack.row_length, workers)
-        count = FineCount(stack, limits, smoothing, planes, nearest)
+    with engine(threads=2) as used:
+        stack = used.colour_views(LightField(views, present=present), 0.9)
+        count = FineCount(used, stack, limits, smoothing, planes, used.nearest_surfaces(first, stack))
         nothing = np.zeros((4, box.bottom - box.top, box.right - box.left), np.uint8)
-        found = count.shares(box, nothing, workers)
+        found = count.shares(box, nothing)
     if nothing[0].size < gloss._AREA:
         assert found is None
         return
@@ -133,16 +131,15 @@ def test_counting_in_a_box_is_counting_high_passed_views_there(box: Box) -> None
 def test_a_box_that_shows_no_rise_is_left_alone() -> None:
     rng = np.random.default_rng(6)
     lf = fields.light_field(rng, (3, 3), (24, 40), 3)
-    smoothing, stack = (
+    smoothing, limits = (
         GuidedFilter(lf.reference.astype(np.float32) / np.float32(255), 2),
-        prepare_colours(lf, 1),
+        naive_vis.thresholds(lf.views),
     )
-    with Workers(1) as workers:
-        nearest = nearest_surfaces(
-            np.zeros((24, 40), np.float32), stack.present, stack.margin, stack.row_length, workers
-        )
-        count = FineCount(stack, naive_vis.thresholds(lf.views), smoothing, np.array([1.0, 0, -1]), nearest)
-        assert count.shares(Box(0, 16, 0, 16), np.full((3, 16, 16), 255, np.uint8), workers) is None
+    with engine(threads=1) as used:
+        stack = used.colour_views(lf, 1)
+        nearest = used.nearest_surfaces(np.zeros((24, 40), np.float32), stack)
+        count = FineCount(used, stack, limits, smoothing, np.array([1.0, 0, -1]), nearest)
+        assert count.shares(Box(0, 16, 0, 16), np.full((3, 16, 16), 255, np.uint8)) is None
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -186,13 +183,11 @@ def test_a_shine_that_differs_from_view_to_view_does_not_change_high_passed_vote
     shiny = views + rng.integers(0, 80, (5, 5, 1, 1, 1))
     limits = naive_vis.thresholds(views.astype(np.uint8))
     shares = []
-    with Workers(1) as workers:
+    with engine(threads=1) as used:
         for version in (views, shiny):
-            stack = high_passed(
-                prepare_colours(LightField(version.astype(np.uint8)), 1), Box(0, 30, 0, 40), workers
-            )
+            stack = used.colour_views(LightField(version.astype(np.uint8)), 1)
             shares.append(np.empty((30, 40), np.float32))
-            photo_plane(stack, 0.5, limits, workers, shares[-1])
+            used.photo(used.high_passed(stack, Box(0, 30, 0, 40).parts), 0.5, limits, shares[-1])
     np.testing.assert_array_equal(shares[0], shares[1])
     assert shares[0].mean() > 0.8
 
@@ -201,10 +196,10 @@ def test_a_lambertian_surface_has_no_suspects() -> None:
     rng = np.random.default_rng(9)
     paint = fields.plane_views(fields.texture(rng), 0.5, (9, 9), (48, 64))
     views = fields.quantise(paint[..., None].repeat(3, axis=-1), "uint8")
-    stack = prepare_colours(LightField(views), 1)
-    limits = naive_vis.thresholds(views)
-    with Workers(2) as workers:
-        cells = suspects(stack, limits, np.ones((48, 64), np.float32), np.linspace(1, -1, 21), workers)
+    limits, texture = naive_vis.thresholds(views), np.ones((48, 64), np.float32)
+    with engine(threads=2) as used:
+        stack = used.colour_views(LightField(views), 1)
+        cells = suspects(used, stack, limits, texture, np.linspace(1, -1, 21))
     assert not cells.any()
 
 
@@ -221,9 +216,9 @@ def test_few_views_have_no_suspects(grid: tuple[int, int], missing: Any) -> None
         present[missing] = False
     limits, planes = naive_vis.thresholds(views), np.linspace(1, 0, 9)
     texture = np.ones((24, 120), np.float32)
-    with Workers(1) as workers:
-        stack = prepare_colours(LightField(views, present=present), 1)
-        assert not suspects(stack, limits, texture, planes, workers).any()
+    with engine(threads=1) as used:
+        stack = used.colour_views(LightField(views, present=present), 1)
+        assert not suspects(used, stack, limits, texture, planes).any()
 
 
 # Scenes

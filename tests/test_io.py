@@ -215,9 +215,18 @@ MAP = np.arange(30, dtype=np.float32).reshape(5, 6)
             edit_config("_x_px = 6", "_x_px = 7"),
             r"input_Cam000\.png: 6x5 px; expected 7x5 as parameters\.cfg",
         ),
-        (edit_config("disp_min = -1.6", "disp_min = 1.6"), r"disp_min to disp_max is 1\.6 to 1\.5; expected"),
-        (edit_config("disp_max = 1.5", "disp_max = inf"), r"disp_min to disp_max is -1\.6 to inf; expected"),
-        (edit_config("disp_max = 1.5", "disp_max = nan"), r"disp_min to disp_max is -1\.6 to nan; expected"),
+        (
+            edit_config("disp_min = -1.6", "disp_min = 1.6"),
+            r"disp_min to disp_max: found \[1\.6, 1\.5\], expected",
+        ),
+        (
+            edit_config("disp_max = 1.5", "disp_max = inf"),
+            r"disp_min to disp_max: found \[-1\.6, inf\], expected",
+        ),
+        (
+            edit_config("disp_max = 1.5", "disp_max = nan"),
+            r"disp_min to disp_max: found \[-1\.6, nan\], expected",
+        ),
         (write_truth(pfm_bytes(MAP)[:-3]), r"gt_disp_lowres\.pfm: 129 bytes; expected 132 for 6x5 px"),
         (write_truth(pfm_bytes(MAP)[:5]), r"gt_disp_lowres\.pfm: no valid PFM header"),
         (
@@ -290,7 +299,9 @@ def test_written_pfm_is_laid_out_by_its_description(tmp_path: Path) -> None:
 @dataclass(frozen=True)
 class FakeMethod:
     name: str = "fbs"
-    step: float = 0.02
+
+    def parameters(self) -> dict[str, float]:
+        return {"step": 0.02}
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,8 @@ import naive_vis
 from lfdepth.blocks import energy as joint
 from lfdepth.blocks.energy import JointEnergy, JointRule
 from lfdepth.blocks.smoothing import GuidedFilter
-from lfdepth.engines.cpu.energy import (
-    SCALE,
-    decode_kernel,
+from lfdepth.engines import engine
+from lfdepth.engines.cpu.kernels.energy import (
     energy_kernel,
     fill_islands_kernel,
     horizontal_kernel,
@@ -25,9 +24,11 @@ from lfdepth.engines.cpu.energy import (
     vertical_kernel,
 )
 from lfdepth.engines.cpu.workers import Workers
+from lfdepth.engines.layout import ENERGY_SCALE as SCALE
 from lfdepth.estimation import estimate
 from lfdepth.lightfield import LightField
 from lfdepth.methods import Method, method
+from lfdepth.trace import Trace
 
 Array = fields.Array
 
@@ -60,17 +61,16 @@ def path_total(
     """Costs over paths from four sides."""
     total = np.zeros_like(energy)
     penalties = (np.float32(slope), np.float32(jump), np.float32(sharpness), np.float32(noise))
-    with Workers(threads) as workers:
-        workers.rows(energy.shape[0], horizontal_kernel, energy, total, guide, *penalties)
-        workers.rows(energy.shape[1], vertical_kernel, energy, total, guide, *penalties)
+    workers = Workers(threads)
+    workers.rows(energy.shape[0], horizontal_kernel, energy, total, guide, *penalties)
+    workers.rows(energy.shape[1], vertical_kernel, energy, total, guide, *penalties)
+    workers.close()
     return total
 
 
 def positions(total: Array, threads: int = 1) -> Array:
-    out = np.empty(total.shape[:2], np.float32)
-    with Workers(threads) as workers:
-        workers.rows(len(total), decode_kernel, total, out)
-    return out
+    with engine(threads=threads) as used:
+        return np.asarray(used.least(total))
 
 
 # Blocks against the oracle
@@ -307,9 +307,8 @@ def collect(
     lf: LightField, plane: Array, volume: Array, rule: JointRule, stride: int, guide: Array
 ) -> JointEnergy:
     decoder = JointEnergy(lf, plane, GuidedFilter(guide.astype(np.float32), 2, 1e-3), rule, stride=stride)
-    with Workers(1) as workers:
-        for k, smoothed in enumerate(volume):
-            decoder.update(k, smoothed, workers)
+    for k, smoothed in enumerate(volume):
+        decoder.update(k, smoothed)
     return decoder
 
 
@@ -349,10 +348,9 @@ def test_decoders_agree_with_the_oracle(
     shares = np.stack([smooth(naive_photo.photo_consistency(lf.views, d, limits, some)) for d in plane])
     expected = naive_vis.decode(plane, volume, shares, lf.views, level, guide, rule, used)
     rough = surface.astype(np.float32)
-    with Workers(1) as workers:
-        compare(decoder.decide(workers), expected, float(plane[0] - plane[1]) * used)
-        assert list(decoder.recount(rough, workers)) == list(range(planes))
-        again = decoder.decide(workers)
+    compare(decoder.decide(), expected, float(plane[0] - plane[1]) * used)
+    assert list(decoder.recount(rough)) == list(range(planes))
+    again = decoder.decide()
     more = naive_vis.voting(lf.views, present)
     shares = np.stack([smooth(naive_vis.visible_share(lf.views, d, limits, rough, more)) for d in plane])
     expected = naive_vis.decode(plane, volume, shares, lf.views, level, guide, rule, 1)
@@ -376,8 +374,7 @@ def test_the_decoder_weighs_what_the_rule_says() -> None:
     volume = profiles.astype(np.float32)
     rule = JointRule(photo_weight=0.0, slope_penalty=0.0, jump_penalty=0.0, fit_radius=0)
     decoder = collect(lf, plane, volume, rule, 1, naive.guide_image(lf.views, "colour"))
-    with Workers(1) as workers:
-        disparity, _ = decoder.decide(workers)
+    disparity, _ = decoder.decide()
     total = np.moveaxis(naive_vis.sign_energy(volume, 0.1), 0, -1)
     np.testing.assert_allclose(disparity, plane[0] - 0.1 * naive_vis.parabola(total), atol=0.005)
 
@@ -387,7 +384,7 @@ def test_the_decoder_weighs_what_the_rule_says() -> None:
 
 def plain(**options: Any) -> Method:
     """The joint decoder alone, on every plane."""
-    return method("fbs-vis", occlusion="none", **options)
+    return method("fbs-vis", visibility=False, **options)
 
 
 def scene(seed: int = 1, **options: Any) -> LightField:
@@ -398,10 +395,10 @@ def scene(seed: int = 1, **options: Any) -> LightField:
 
 def test_the_running_sums_parabola_decides_when_nothing_else_weighs() -> None:
     weightless = plain(photo_weight=0, slope_penalty=0, jump_penalty=0, fit_radius=0, step=0.1)
-    result = estimate(scene(), weightless, keep_volume=True)
-    assert result.volumes is not None
-    total = np.moveaxis(naive_vis.sign_energy(result.volumes.smoothed, 0.1), 0, -1)
-    expected = np.clip(result.volumes.planes[0] - 0.1 * naive_vis.parabola(total), *RANGE)
+    trace = Trace(keep=("smoothed",))
+    result = estimate(scene(), weightless, trace=trace)
+    total = np.moveaxis(naive_vis.sign_energy(np.stack(trace.kept["smoothed"]), 0.1), 0, -1)
+    expected = np.clip(weightless.planes_for(RANGE)[0] - 0.1 * naive_vis.parabola(total), *RANGE)
     clear = np.sort(total, axis=-1)[..., 1] - total.min(axis=-1) > 2 / SCALE
     close = np.abs(result.disparity - expected) < 0.02
     assert close[clear].mean() > 0.99
@@ -415,17 +412,17 @@ def test_sign_function_approximation_is_the_limit_of_no_weight() -> None:
     assert np.mean(np.abs(joint_map - sign_map) < 0.06) > 0.95
 
 
-@pytest.mark.parametrize("decoder", ["none", "skip-mask", "visibility"])
-def test_photo_consistency_changes_nothing_where_there_is_no_texture(decoder: Any) -> None:
+@pytest.mark.parametrize("visibility", [False, True])
+def test_photo_consistency_changes_nothing_where_there_is_no_texture(visibility: bool) -> None:
     lf = LightField(np.full((5, 5, 30, 34, 3), 90, np.uint8), disparity_range=RANGE)
-    result = estimate(lf, "fbs-vis", occlusion=decoder)
+    result = estimate(lf, "fbs-vis", visibility=visibility)
     assert result.confidence.max() == 0
     assert np.unique(result.disparity).size == 1
 
 
 @pytest.mark.parametrize("times", [2, 25])
 def test_a_slope_dearer_than_a_jump_is_never_paid(times: int) -> None:
-    jump = method("fbs-vis").jump_penalty
+    jump = method("fbs-vis").parameters()["jump_penalty"]
     expected = estimate(scene(3), plain(slope_penalty=jump)).disparity
     found = estimate(scene(3), plain(slope_penalty=times * jump)).disparity
     np.testing.assert_array_equal(found, expected)

@@ -9,10 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fields
-from lfdepth.blocks.voting import DELTAS, GRADIENTS, Delta, Gradient, Mask, VoteRule, vote
+from lfdepth.blocks.voting import DELTAS, GRADIENTS, Mask, VoteRule, vote
+from lfdepth.engines import engine
+from lfdepth.engines.base import Delta, Gradient
 from lfdepth.estimation import estimate
 from lfdepth.lightfield import LightField
 from lfdepth.methods import NAMES
+from lfdepth.trace import Trace
 
 Array = fields.Array
 
@@ -243,9 +246,10 @@ def test_votes_are_fractions(
 def test_threads_change_no_vote(masked: bool, seed: int, height: int, rule: VoteRule, kind: str) -> None:
     lf = random_field(seed, (3, 4), (height, 33), kind, absent=False)
     mask = Mask(fields.random_mask(np.random.default_rng(seed), (height, 33)), -0.4) if masked else None
-    one = vote(lf, 0.3, rule=rule, mask=mask, threads=1)
+    one = vote(lf, 0.3, rule=rule, mask=mask)
     for threads in (2, 3, 5):
-        np.testing.assert_array_equal(vote(lf, 0.3, rule=rule, mask=mask, threads=threads), one)
+        with engine(threads=threads) as used:
+            np.testing.assert_array_equal(vote(lf, 0.3, rule=rule, mask=mask, engine=used), one)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -302,8 +306,8 @@ def test_brightness_changes_no_votes_volume(name: str, seed: int, scale: int) ->
 
     def initial(samples: Array) -> Array:
         lf = LightField(samples.astype(np.uint8))
-        volumes = estimate(lf, name, delta="none", keep_volume=True, **OPTIONS).volumes
-        assert volumes is not None
-        return volumes.initial[:3]
+        trace = Trace(keep=("votes",))
+        estimate(lf, name, delta="none", trace=trace, **OPTIONS)
+        return np.stack(trace.kept["votes"][:3])
 
     np.testing.assert_array_equal(initial(dark * scale), initial(dark))

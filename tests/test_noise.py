@@ -11,7 +11,7 @@ import fields
 import naive_vis
 from lfdepth.blocks import noise
 from lfdepth.blocks.noise import ramp, residual, texture_weight, threshold_bounds
-from lfdepth.engines.cpu.noise import residual_kernel
+from lfdepth.engines import single
 from lfdepth.lightfield import LightField
 
 Array = fields.Array
@@ -49,9 +49,7 @@ def test_residuals_agree_with_the_oracle_pixel_by_pixel() -> None:
     lf = fields.light_field(rng, (5, 4), (12, 15), 3, kind="noise")
     places = [(0, 0), (11, 14), (5, 7), (0, 14), (6, 3)]
     rows, columns = np.array(places).T
-    least = np.full(len(places), np.inf, np.float32)
-    present = np.ones((5, 4), bool)
-    residual_kernel(lf.views, present, rows, columns, PLANES, least)
+    least = single().residuals(single().views(lf), rows, columns, PLANES)
     expected = naive_vis.residuals(lf.views, PLANES, places, None)
     np.testing.assert_allclose(least / 255, expected, rtol=1e-5)
 

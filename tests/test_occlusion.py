@@ -5,7 +5,7 @@ import pytest
 
 import fields
 import naive
-from lfdepth.blocks.occlusion import NoOcclusion, SkipMask, mask_4d
+from lfdepth.blocks.occlusion import SkipMask, mask_4d
 from lfdepth.errors import LightFieldError
 
 
@@ -72,7 +72,7 @@ def test_plane_k_gets_the_foreground_of_plane_k_minus_j(skip: int) -> None:
     slices[:, 0, 0] = 0  # no evidence is not foreground (eq. 7)
     working = np.empty((6, 7), np.float32)
     for k, smoothed in enumerate(slices):
-        mask = rule.mask(k)
+        mask = rule.mask()
         if k < skip:
             assert mask is None
         else:
@@ -80,15 +80,8 @@ def test_plane_k_gets_the_foreground_of_plane_k_minus_j(skip: int) -> None:
             np.testing.assert_array_equal(mask.foreground, slices[k - skip] > 0)
             assert mask.offset == pytest.approx(-skip * step)
         working[:] = smoothed  # the sweep reuses its slice
-        rule.update(k, working)
+        rule.update(working)
         working[:] = np.nan
-
-
-def test_without_a_rule_there_is_no_mask() -> None:
-    rule = NoOcclusion()
-    for k in range(3):
-        assert rule.mask(k) is None
-        rule.update(k, np.ones((3, 3), np.float32))
 
 
 @pytest.mark.parametrize("skip", [0, -2])

@@ -12,11 +12,9 @@ from lfdepth.blocks.photo import (
     FEWEST_VIEWS,
     local_thresholds,
     photo_consistency,
-    photo_plane,
-    prepare_colours,
     thinned,
 )
-from lfdepth.engines.cpu.workers import Workers
+from lfdepth.engines import engine
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
 
@@ -59,7 +57,8 @@ def test_matches_the_oracle_at_any_height(height: int, channels: int) -> None:
     thresholds = rng.uniform(0.05, 0.5, (height, 9)).astype(np.float32)
     expected = naive_photo.photo_consistency(lf.views, 1.37, thresholds)
     for threads in (1, 2, 3):
-        found = photo_consistency(lf, 1.37, thresholds=thresholds, threads=threads)
+        with engine(threads=threads) as used:
+            found = photo_consistency(lf, 1.37, thresholds=thresholds, engine=used)
         np.testing.assert_array_equal(found, expected)
 
 
@@ -68,10 +67,9 @@ def test_matches_the_oracle_at_any_height(height: int, channels: int) -> None:
 def test_some_rows_are_counted_as_among_all(rows: tuple[int, int], threads: int) -> None:
     rng = np.random.default_rng(13)
     lf = fields.light_field(rng, (5, 5), (40, 33), 3)
-    stack, thresholds = prepare_colours(lf, 1.0), local_thresholds(lf.reference)
-    out = np.full((40, 33), -1, np.float32)
-    with Workers(threads) as workers:
-        photo_plane(stack, -0.45, thresholds, workers, out, rows=rows)
+    thresholds, out = local_thresholds(lf.reference), np.full((40, 33), -1, np.float32)
+    with engine(threads=threads) as used:
+        used.photo(used.colour_views(lf, 1.0), -0.45, thresholds, out, rows=rows)
     expected = np.full((40, 33), -1, np.float32)
     expected[slice(*rows)] = photo_consistency(lf, -0.45)[slice(*rows)]
     np.testing.assert_array_equal(out, expected)
@@ -167,18 +165,17 @@ def test_bytes_and_words_of_the_same_levels_agree() -> None:
 
 def test_threads_change_nothing() -> None:
     lf = fields.light_field(np.random.default_rng(7), (4, 5), (150, 40), 3)
-    np.testing.assert_array_equal(
-        photo_consistency(lf, 0.7, threads=1), photo_consistency(lf, 0.7, threads=3)
-    )
+    with engine(threads=3) as three:
+        np.testing.assert_array_equal(photo_consistency(lf, 0.7), photo_consistency(lf, 0.7, engine=three))
 
 
 def test_one_stack_serves_all_planes() -> None:
     lf = fields.light_field(np.random.default_rng(8), (5, 6), (17, 40), 3)
-    stack, thresholds = prepare_colours(lf, 2.0), local_thresholds(lf.reference)
-    out = np.empty(stack.size, np.float32)
-    with Workers(1) as workers:
+    thresholds, out = local_thresholds(lf.reference), np.empty((17, 40), np.float32)
+    with engine(threads=1) as used:
+        views = used.colour_views(lf, 2.0)
         for disparity in (-2.0, -0.6, 0.0, 1.33, 2.0):
-            photo_plane(stack, disparity, thresholds, workers, out)
+            used.photo(views, disparity, thresholds, out)
             np.testing.assert_array_equal(out, photo_consistency(lf, disparity))
 
 

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 import fields
 import naive
-from lfdepth.blocks import reparam
-from lfdepth.blocks.reparam import grey_levels, reparameterise
+from lfdepth.blocks.reparam import reparameterise
+from lfdepth.engines import layout
+from lfdepth.engines.layout import grey_levels
 from lfdepth.errors import LightFieldError
 
 DISPARITIES = [0.0, 0.25, 0.371, -0.6, 1.0, -2.0, 3.613, -5.27, 40.0]
@@ -17,7 +18,7 @@ GRIDS = [(3, 3), (4, 5), (5, 4), (6, 3), (1, 5)]
 
 
 def test_the_oracle_knows_the_conventions() -> None:
-    assert (naive.UNIT, naive.LEVELS) == (reparam.UNIT, reparam.FULL_SCALE)
+    assert (naive.UNIT, naive.LEVELS) == (layout.GREY_UNIT, layout.GREY_WHITE)
 
 
 @pytest.mark.parametrize("dtype", fields.DTYPES)

@@ -1,6 +1,5 @@
 """The whole sweep against the oracle: algorithm 1 chain by chain, then every method end to end."""
 
-import dataclasses
 import tracemalloc
 from dataclasses import replace
 from typing import Any
@@ -8,13 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 
+import lfdepth
 import naive
 from fields import RANGE, scene
 from lfdepth.blocks.smoothing import GuidedFilter
 from lfdepth.errors import LightFieldError
-from lfdepth.estimation import Result, estimate
+from lfdepth.estimation import estimate
 from lfdepth.lightfield import LightField
 from lfdepth.methods import NAMES, Method, method
+from lfdepth.result import Result
+from lfdepth.trace import Trace
 
 OPTIONS: dict[str, Any] = {"step": 0.1, "radius": 3, "epsilon": 1e-3}
 
@@ -25,20 +27,27 @@ def rule_of(lf: LightField, chosen: Method) -> dict[str, Any]:
 
 
 def oracle(lf: LightField, chosen: Method) -> tuple[naive.Array, naive.Array]:
-    assert chosen.step is not None
+    used = chosen.parameters()
     return naive.estimate(
         lf.views,
         RANGE,
-        occlusion=chosen.occlusion != "none",
-        decoder=chosen.decoder,
-        step=chosen.step,
-        skip=chosen.skip,
-        radius=chosen.radius,
-        epsilon=chosen.epsilon,
-        guide=chosen.guide,
-        subplane=chosen.subplane,
+        occlusion=chosen.name == "fbsocc-sfa",
+        decoder="accumulate" if chosen.name == "fbs" else "sfa",
+        step=used["step"],
+        skip=used.get("skip", 1),
+        radius=used["radius"],
+        epsilon=used["epsilon"],
+        guide=used["guide"],
+        subplane=used.get("subplane", True),
         **rule_of(lf, chosen),
     )
+
+
+def kept_by(lf: LightField, name: str, **options: Any) -> tuple[Result, naive.Array, naive.Array]:
+    """An estimate, and the volumes (K, H, W) of its votes, before and after smoothing."""
+    trace = Trace(keep=("votes", "smoothed"))
+    result = estimate(lf, name, trace=trace, **options)
+    return result, np.stack(trace.kept["votes"]), np.stack(trace.kept["smoothed"])
 
 
 @pytest.mark.parametrize("skip", [1, 2, 3, 7, 40])
@@ -49,17 +58,15 @@ def test_one_pass_is_the_papers_j_chains(
 ) -> None:
     """Algorithm 1 with the oracle's votes, masks and loops; the filter is shared, so no pixel may differ."""
     lf = scene(2, grid, dtype=dtype)
-    result = estimate(lf, "fbsocc-sfa", skip=skip, normalise=normalise, keep_volume=True, **OPTIONS)
-    volumes = result.volumes
-    assert volumes is not None
+    result, votes, slices = kept_by(lf, "fbsocc-sfa", skip=skip, normalise=normalise, **OPTIONS)
     smooth = GuidedFilter(
         (lf.reference / lf.full_scale).astype(np.float32), OPTIONS["radius"], OPTIONS["epsilon"]
     )
     initial, smoothed = naive.algorithm_1(
-        lf.views, volumes.planes, skip, smooth, **rule_of(lf, result.method)
+        lf.views, naive.planes(RANGE, 0.1), skip, smooth, **rule_of(lf, result.method)
     )
-    np.testing.assert_allclose(volumes.initial, initial, rtol=1e-6, atol=0)
-    np.testing.assert_allclose(volumes.smoothed, smoothed, atol=1e-4)
+    np.testing.assert_allclose(votes, initial, rtol=1e-6, atol=0)
+    np.testing.assert_allclose(slices, smoothed, atol=1e-4)
 
 
 @pytest.mark.parametrize("name", ["fbs", "fbs-sfa", "fbsocc-sfa"])
@@ -84,35 +91,43 @@ def test_one_pass_is_the_papers_j_chains(
 )
 def test_methods_agree_with_the_oracle(name: str, options: dict[str, Any], lf: LightField) -> None:
     """Single precision decides `C̃ > 0` otherwise in the odd pixel, so the odd pixel may differ."""
-    result = estimate(lf, name, keep_volume=True, **{**OPTIONS, **options})
+    has = method(name).parameters()
+    options = {key: value for key, value in options.items() if key in has}
+    result, _, slices = kept_by(lf, name, **{**OPTIONS, **options})
     disparity, smoothed = oracle(lf, result.method)
-    assert result.volumes is not None
     apart = np.abs(result.disparity - disparity)
     assert np.mean(apart > 1e-3) < 0.002
-    assert np.mean(np.abs(result.volumes.smoothed - smoothed) > 1e-3) < 0.002
+    assert np.mean(np.abs(slices - smoothed) > 1e-3) < 0.002
     confident = np.abs(result.confidence - naive.confidence(smoothed))
     assert np.mean(confident > 1e-3) < 0.002
 
 
-def test_volumes_are_those_of_the_estimate() -> None:
+def test_a_trace_keeps_what_the_estimate_was_made_of() -> None:
     lf = scene(6)
-    result = estimate(lf, "fbs-sfa", keep_volume=True, normalise=False, **OPTIONS)
-    volumes = result.volumes
-    assert volumes is not None
-    count = len(volumes.planes)
-    assert volumes.initial.shape == volumes.smoothed.shape == volumes.decided.shape == (count, 44, 50)
-    np.testing.assert_allclose(volumes.planes, naive.planes(RANGE, 0.1), atol=1e-12)
-    np.testing.assert_allclose(
-        result.disparity, np.clip(naive.sign_step(volumes.smoothed, volumes.planes), *RANGE), atol=1e-4
-    )
-    behind = result.disparity > volumes.planes[:, None, None].astype(np.float32)
-    assert np.mean((volumes.decided > 0) == behind) > 0.999
-    assert set(np.unique(volumes.decided)) <= {-1.0, 1.0}
+    result, votes, slices = kept_by(lf, "fbs-sfa", normalise=False, **OPTIONS)
+    planes = naive.planes(RANGE, 0.1)
+    assert votes.shape == slices.shape == (len(planes), 44, 50)
+    assert result.planes == len(planes)
+    expected = np.clip(naive.sign_step(slices, planes), *RANGE)
+    np.testing.assert_allclose(result.disparity, expected, atol=1e-4)
     smooth = GuidedFilter(
         (lf.reference / lf.full_scale).astype(np.float32), OPTIONS["radius"], OPTIONS["epsilon"]
     )
-    for k in (0, 7, count - 1):
-        np.testing.assert_array_equal(smooth(volumes.initial[k]), volumes.smoothed[k])
+    for k in (0, 7, len(planes) - 1):
+        np.testing.assert_array_equal(smooth(votes[k]), slices[k])
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_trace_accounts_for_the_time_and_counts_every_step(name: str) -> None:
+    """Blocks take most of the time between the first step and the last, and never more than all of it."""
+    seen: list[tuple[int, int, str]] = []
+    trace = Trace(progress=lambda *step: seen.append(step))
+    result = estimate(scene(18, size=(120, 130)), name, trace=trace, threads=1)
+    assert [done for done, _, _ in seen] == list(range(1, len(seen) + 1))
+    assert {total for _, total, _ in seen} == {len(seen)}
+    assert sum(trace.times().values()) <= result.runtime
+    assert sum(trace.times().values()) > 0.5 * sum(lap.wall for lap in trace.laps)
+    assert {"voting", "smoothing", "decoding"} <= trace.times().keys()
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -126,15 +141,15 @@ def test_a_result_says_how_it_came_about(name: str) -> None:
     assert 0 <= result.confidence.min() <= result.confidence.max() <= 1
     assert result.range == RANGE
     assert result.runtime > 0
-    assert result.volumes is None
-    assert dataclasses.asdict(result.method) == {**dataclasses.asdict(method(name)), **OPTIONS}
+    assert result.planes == len(naive.planes(RANGE, 0.1))
+    assert (result.engine, result.version) == ("cpu", lfdepth.__version__)
+    assert result.method.parameters() == {**method(name).parameters(), **OPTIONS}
 
 
 def test_the_given_range_goes_before_the_light_fields() -> None:
-    result = estimate(scene(8), "fbs-sfa", range=(-0.2, 0.3), keep_volume=True, **OPTIONS)
+    result = estimate(scene(8), "fbs-sfa", range=(-0.2, 0.3), **OPTIONS)
     assert result.range == (-0.2, 0.3)
-    assert result.volumes is not None
-    np.testing.assert_allclose(result.volumes.planes, naive.planes((-0.2, 0.3), 0.1))
+    assert result.planes == len(naive.planes((-0.2, 0.3), 0.1))
     assert result.disparity.min() >= np.float32(-0.2)
 
 
@@ -143,27 +158,26 @@ def test_a_last_plane_beyond_the_range_does_not_widen_it() -> None:
     assert result.disparity.min() >= np.float32(-0.95)
 
 
-def test_a_number_of_planes_or_a_method_of_ones_own() -> None:
-    lf = scene(10)
-    counted = estimate(lf, "fbsocc-sfa", planes=9, radius=3, keep_volume=True)
-    assert counted.volumes is not None
-    np.testing.assert_allclose(counted.volumes.planes, np.linspace(RANGE[1], RANGE[0], 9))
-    own = Method(name="own", occlusion="skip-mask", decoder="accumulate", step=0.1, radius=3)
-    assert estimate(lf, own).method == own
+def test_a_number_of_planes_is_spread_over_the_range() -> None:
+    np.testing.assert_allclose(
+        method("fbsocc-sfa", planes=9).planes_for(RANGE), np.linspace(RANGE[1], RANGE[0], 9)
+    )
+    assert estimate(scene(10), "fbsocc-sfa", planes=9, radius=3).planes == 9
 
 
 @pytest.mark.parametrize(("preset", "step", "skip"), [("paper-synthetic", 0.02, 7), ("paper-real", 0.05, 5)])
 def test_presets_are_the_papers_parameters(preset: str, step: float, skip: int) -> None:
     """Section IV of the paper."""
-    chosen = method("fbsocc-sfa", preset=preset)
-    assert (chosen.step, chosen.skip) == (step, skip)
-    assert method("fbsocc-sfa", preset=preset, skip=2).skip == 2
+    chosen = method("fbsocc-sfa", preset=preset).parameters()
+    assert (chosen["step"], chosen["skip"]) == (step, skip)
+    assert method("fbsocc-sfa", preset=preset, skip=2).parameters()["skip"] == 2
+    assert method("fbs-sfa", preset=preset).parameters()["step"] == step
 
 
 def test_progress_counts_the_planes() -> None:
-    seen: list[tuple[int, int]] = []
-    estimate(scene(11), "fbsocc-sfa", progress=lambda done, total: seen.append((done, total)), **OPTIONS)
-    assert seen == [(k + 1, 23) for k in range(23)]
+    seen: list[tuple[int, int, str]] = []
+    estimate(scene(11), "fbsocc-sfa", progress=lambda *step: seen.append(step), **OPTIONS)
+    assert seen == [(k + 1, 23, "plane") for k in range(23)]
 
 
 def test_memory_does_not_grow_with_the_planes() -> None:
@@ -221,15 +235,21 @@ def test_an_area_without_texture_gets_one_disparity_and_no_confidence(name: str)
         ({"range": (0.0, float("nan"))}, "range: found"),
         ({"step": 0.0}, "step: found"),
         ({"step": 1e-5}, "step: "),
-        ({"skip": 0}, "skip: found"),
+        ({"method": "fbsocc-sfa", "skip": 0}, "skip: found"),
         ({"radius": 0}, "radius: found"),
         ({"radius": 30}, "radius: found"),
         ({"epsilon": 0.0}, "epsilon: found"),
         ({"threshold": 0.0}, "threshold: found"),
         ({"delta": "signs"}, "delta: found"),
         ({"guide": "color"}, "guide: found"),
-        ({"decoder": "argmax"}, "decoder: found"),
-        ({"occlusion": "mask"}, "occlusion: found"),
+        ({"method": "fbs", "photo_weight": 1.0}, "photo_weight: method fbs has no such parameter"),
+        ({"skip": 5}, "skip: method fbs-vis has no such parameter"),
+        ({"radius": 3.5}, "radius: found 3.5"),
+        ({"radius": True}, "radius: found True"),
+        ({"step": "0.1"}, "step: found '0.1'"),
+        ({"gloss": "False"}, "gloss: found 'False'"),
+        ({"gloss": 0}, "gloss: found 0"),
+        ({"engine": "cuda"}, "engine: found 'cuda'"),
         ({"gradient": "scharr"}, "gradient: found"),
         ({"fit_radius": -2}, "fit_radius: found -2"),
         ({"fit_radius": 7}, "fit_radius: found 7"),
@@ -238,7 +258,7 @@ def test_an_area_without_texture_gets_one_disparity_and_no_confidence(name: str)
         ({"edge_passes": 2.5}, "edge_passes: found 2.5"),
         ({"photo_radius": 0}, "photo_radius: found 0"),
         ({"threads": 0}, "threads: found"),
-        ({"stepsize": 0.1}, "option: found 'stepsize'"),
+        ({"stepsize": 0.1}, "stepsize: method fbs-vis has no such parameter"),
         ({"preset": "paper"}, "preset: found 'paper'"),
         ({"planes": 1}, "planes: found"),
     ],

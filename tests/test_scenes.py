@@ -13,7 +13,7 @@ import pytest
 from scipy.ndimage import distance_transform_edt, map_coordinates
 
 from lfdepth import scenes
-from lfdepth.engines.cpu import scenes as kernels
+from lfdepth.engines.cpu.kernels import scenes as kernels
 from lfdepth.errors import LightFieldError
 from lfdepth.io import read, read_disparity
 from lfdepth.lightfield import LightField

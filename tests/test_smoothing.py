@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 import fields
 import naive
-from lfdepth.blocks.smoothing import GuidedFilter, box_mean
-from lfdepth.engines.cpu.workers import Workers
+from lfdepth.blocks.smoothing import GuidedFilter
+from lfdepth.engines import engine
+from lfdepth.engines.boxes import box_mean
 from lfdepth.errors import LightFieldError
 
 # Size and radius: windows as large as the image, whose sizes have all digits to base 4 (window sums are put
@@ -130,8 +131,7 @@ def test_normalised_smoothing_agrees_with_the_oracle(channels: int) -> None:
     evidence[:20, :20] = 0
     votes *= evidence
     found = np.empty_like(votes)
-    with Workers(1) as workers:
-        GuidedFilter(guide, 3, 1e-3).smooth_quotient(votes, evidence, workers, found)
+    GuidedFilter(guide, 3, 1e-3).smooth_quotient(votes, evidence, found)
     weight = naive.GuidedFilter(guide, 3, 1e-3)(evidence)
     expected = naive.normalised(naive.GuidedFilter(guide, 3, 1e-3), votes, evidence)
     # An error of 1e-6 in the numerator grows as the denominator falls.
@@ -167,8 +167,9 @@ def test_an_edge_of_the_guide_stays_sharp() -> None:
 def test_threads_change_nothing(threads: int | None, channels: int) -> None:
     rng = np.random.default_rng(10)
     guide, votes = guide_of(rng, (130, 50), channels), votes_of(rng, (130, 50))
-    smooth = GuidedFilter(guide, 6, 1e-4)
-    np.testing.assert_array_equal(smooth(votes, threads=threads), smooth(votes, threads=1))
+    with engine(threads=threads) as used:
+        found = GuidedFilter(guide, 6, 1e-4, engine=used)(votes)
+    np.testing.assert_array_equal(found, GuidedFilter(guide, 6, 1e-4)(votes))
 
 
 @pytest.mark.parametrize("dtype", [np.float64, np.float32, np.int8, np.bool_])

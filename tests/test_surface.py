@@ -13,8 +13,8 @@ import fields
 import naive_vis
 from lfdepth.blocks import surface
 from lfdepth.blocks.surface import SPACING, fit_surfaces
-from lfdepth.engines.cpu.surface import _REACH
-from lfdepth.engines.cpu.workers import Workers
+from lfdepth.engines import engine
+from lfdepth.engines.cpu.kernels.surface import _REACH
 from lfdepth.errors import LightFieldError
 from lfdepth.estimation import estimate
 from lfdepth.lightfield import LightField
@@ -41,8 +41,8 @@ class Case:
     def fitted(self, threads: int = 1) -> Array:
         energy = (self.signs.astype(np.float32), self.shares, self.weight.astype(np.float32))
         position, guide = self.position.astype(np.float32), self.guide.astype(np.float32)
-        with Workers(threads) as workers:
-            return fit_surfaces(position, energy, guide, self.step, self.radius, workers)
+        with engine(threads=threads) as used:
+            return fit_surfaces(position, energy, guide, self.step, self.radius, engine=used)
 
     def expected(self) -> Array:
         energy = self.signs.astype(np.float64) - self.weight * (self.shares / 255)
@@ -317,5 +317,5 @@ def test_senseless_radii_are_refused(radius: int) -> None:
 
 
 def test_every_radius_allowed_takes_the_pixel_itself() -> None:
-    for radius in (2, method("fbs-vis").fit_radius, 50):
+    for radius in (2, method("fbs-vis").parameters()["fit_radius"], 50):
         assert 0 in range(-radius, radius + 1, SPACING)

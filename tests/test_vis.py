@@ -11,12 +11,14 @@ import pytest
 
 import fields
 import lfdepth
+import naive
 import naive_vis
 from fields import RANGE, scene
 from lfdepth import scenes
-from lfdepth.estimation import Result, estimate
+from lfdepth.estimation import estimate
 from lfdepth.lightfield import LightField
-from lfdepth.methods import method
+from lfdepth.methods.fbs_vis import FbsVis
+from lfdepth.result import Result
 from lfdepth.scoring import metrics
 
 Array = fields.Array
@@ -42,7 +44,7 @@ OPTIONS: dict[str, Any] = {"step": 0.13, "radius": 2, "epsilon": 1e-3, "fit_radi
 )
 def test_the_method_agrees_with_the_oracle(lf: LightField, options: dict[str, Any]) -> None:
     """A pixel decided otherwise at an edge, or a view seen otherwise, reaches as far as the windows do."""
-    chosen = method("fbs-vis", **{**OPTIONS, "gloss": False, **options})
+    chosen = FbsVis(**{**OPTIONS, "gloss": False, **options})
     found = estimate(lf, chosen)
     expected = naive_vis.estimate(lf.views, RANGE, chosen, lf.present)
     assert chosen.step is not None
@@ -112,11 +114,13 @@ def test_a_scene_of_one_plane_gives_that_plane(disparity: float) -> None:
 
 
 def test_progress_counts_both_passes() -> None:
-    seen: list[tuple[int, int]] = []
+    """And what follows either: a map, gloss, a decision, edges."""
+    seen: list[tuple[int, int, str]] = []
     lf = scene(12, size=(40, 44))
-    estimate(lf, "fbs-vis", progress=lambda done, total: seen.append((done, total)), **OPTIONS)
-    total = seen[0][1]
-    assert seen == [(done, total) for done in range(1, total + 1)]
+    estimate(lf, "fbs-vis", progress=lambda *step: seen.append(step), **OPTIONS)
+    planes = len(naive.planes(RANGE, OPTIONS["step"]))
+    steps = ["plane"] * planes + ["first map"] + ["second count"] * planes + ["gloss", "decision", "edges"]
+    assert seen == [(k + 1, len(steps), what) for k, what in enumerate(steps)]
 
 
 def test_the_light_field_is_left_alone() -> None:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import fields
 import naive_vis
-from lfdepth.blocks.photo import local_thresholds, photo_consistency, photo_plane, prepare_colours
-from lfdepth.blocks.visibility import MARGIN, nearest_surfaces
-from lfdepth.engines.cpu.visibility import EMPTY, PARTS
-from lfdepth.engines.cpu.workers import Workers
+from lfdepth.blocks.photo import local_thresholds, photo_consistency
+from lfdepth.engines import engine
+from lfdepth.engines.cpu.engine import CpuEngine, _placed_visibility
+from lfdepth.engines.layout import DISPARITY_PARTS as PARTS
+from lfdepth.engines.layout import UNKNOWN_SURFACE as EMPTY
+from lfdepth.engines.layout import VISIBILITY_MARGIN as MARGIN
 from lfdepth.lightfield import LightField
 
 Array = fields.Array
@@ -29,12 +33,17 @@ def every(grid: tuple[int, int]) -> Array:
     return np.ones(grid, bool)
 
 
-def splatted(disparity: Array, grid: tuple[int, int], threads: int = 1, margin: int = 0) -> Array:
-    """Nearest surfaces (V, U, H, W)."""
+def splatted(disparity: Array, grid: tuple[int, int], threads: int = 1, reach: float | None = None) -> Array:
+    """Nearest surfaces (V, U, H, W), without margins or for planes up to `reach`."""
     height, width = disparity.shape
-    with Workers(threads) as workers:
-        nearest = nearest_surfaces(disparity, every(grid), margin, width + 2 * margin, workers)
-    views = nearest.data.reshape(*grid, height, width + 2 * margin)
+    lf = LightField(np.zeros((*grid, height, width, 1), np.uint8))
+    with engine(threads=threads) as used:
+        if reach is None:
+            nearest = used.surfaces_of(disparity, used.views(lf))
+        else:
+            nearest = used.nearest_surfaces(disparity, used.colour_views(lf, reach))
+    margin = nearest.margin
+    views = nearest.data.reshape(*grid, height, nearest.row_length)
     assert (views[..., :margin] == EMPTY).all()
     assert (views[..., margin + width :] == EMPTY).all()
     np.testing.assert_array_equal(nearest.rows.reshape(*grid, height), views.max(axis=-1))
@@ -45,21 +54,20 @@ def share(
     lf: LightField, plane: float, disparity: Array, threads: int = 1, thresholds: Array | None = None
 ) -> Array:
     """Photo-consistency at a plane in the views that see past a map."""
-    stack = prepare_colours(lf, max(abs(plane), 2.0))
-    out = np.empty(stack.size, np.float32)
+    out = np.empty(disparity.shape, np.float32)
     limits = local_thresholds(lf.reference) if thresholds is None else thresholds
-    with Workers(threads) as workers:
-        nearest = nearest_surfaces(disparity, stack.present, stack.margin, stack.row_length, workers)
-        photo_plane(stack, plane, limits, workers, out, nearest)
+    with engine(threads=threads) as used:
+        views = used.colour_views(lf, max(abs(plane), 2.0))
+        used.photo(views, plane, limits, out, surfaces=used.nearest_surfaces(disparity, views))
     return out
 
 
-@pytest.mark.parametrize("margin", [0, 3])
+@pytest.mark.parametrize("reach", [None, 1.0])
 @pytest.mark.parametrize("grid", GRIDS)
-def test_splats_agree_with_the_oracle(grid: tuple[int, int], margin: int) -> None:
-    rng = np.random.default_rng([*grid, margin])
+def test_splats_agree_with_the_oracle(grid: tuple[int, int], reach: float | None) -> None:
+    rng = np.random.default_rng([*grid, 0 if reach is None else 3])
     disparity = random_map(rng, (13, 18))
-    np.testing.assert_array_equal(splatted(disparity, grid, margin=margin), naive_vis.splat(disparity, grid))
+    np.testing.assert_array_equal(splatted(disparity, grid, reach=reach), naive_vis.splat(disparity, grid))
 
 
 @pytest.mark.parametrize("threads", [1, 3])
@@ -68,15 +76,19 @@ def test_absent_views_and_memory_used_before_leave_the_others_splats(threads: in
     rng = np.random.default_rng(11)
     for grid in GRIDS:
         present, disparity = fields.random_present(rng, grid), random_map(rng, (9, 14))
-        spare = rng.integers(-32768, 32767, (grid[0] * 9 * grid[1] * 18)).astype(np.int16)
-        with Workers(threads) as workers:
-            fresh = nearest_surfaces(disparity, present, 2, 18, workers).data
-            again = nearest_surfaces(disparity, present, 2, 18, workers, spare).data
+        lf = LightField(np.zeros((*grid, 9, 14, 1), np.uint8), present=present)
+        with engine(threads=threads) as used:
+            views = used.colour_views(lf, 0.0)
+            fresh = used.nearest_surfaces(disparity, views)
+            before = rng.integers(-32768, 32767, fresh.data.size).astype(np.int16)
+            again = used.nearest_surfaces(disparity, views, replace(fresh, data=before))
+        assert again.data is before
         expected = naive_vis.splat(disparity, grid)
-        for data in (fresh, again):
-            views = data.reshape(*grid, 9, 18)[present]
-            np.testing.assert_array_equal(views[..., 2:-2], expected[present])
-            assert (views[..., [0, 1, -2, -1]] == EMPTY).all()
+        for data in (fresh.data, again.data):
+            held = data.reshape(*grid, 9, -1)[present]
+            np.testing.assert_array_equal(held[..., 2:16], expected[present])
+            assert (held[..., :2] == EMPTY).all()
+            assert (held[..., 16:] == EMPTY).all()
 
 
 def test_a_bar_hides_the_wall_where_worked_out_by_hand() -> None:
@@ -110,8 +122,11 @@ def test_the_nearest_surface_wins() -> None:
 @pytest.mark.parametrize("plane", [-0.6, 0.0, 0.5])
 def test_pixels_in_front_of_a_plane_are_told_by_the_margin(plane: float) -> None:
     disparity = np.array([[plane - 1, plane, plane + 0.9 * MARGIN, plane + 1.1 * MARGIN]], np.float32)
-    with Workers(1) as workers:
-        front, horizon = nearest_surfaces(disparity, every((3, 3)), 0, 4, workers).in_front(plane)
+    lf = LightField(np.zeros((3, 3, 1, 4, 1), np.uint8))
+    with CpuEngine(threads=1) as used:
+        views = used.colour_views(lf, 2.0)
+        surfaces = used.nearest_surfaces(disparity, views)
+        *_, front, horizon = _placed_visibility(views, plane, surfaces)
     np.testing.assert_array_equal(front, [[0, 0, 0, 1]])
     assert horizon == round((plane + MARGIN) * PARTS)
 

@@ -7,9 +7,10 @@ import pytest
 
 import fields
 import naive
-from lfdepth.blocks.reparam import stack_views
-from lfdepth.blocks.voting import Delta, Gradient, Mask, VoteRule, disparity_signs, vote, vote_plane
-from lfdepth.engines.cpu.workers import Workers
+from lfdepth.blocks.voting import Mask, VoteCount, VoteRule, disparity_signs, vote
+from lfdepth.engines import single
+from lfdepth.engines.base import Delta, Gradient
+from lfdepth.engines.cpu.layout import grey_stack
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
 
@@ -38,10 +39,9 @@ def assert_votes_agree(lf: LightField, disparity: float, mask: Mask | None, rule
     options: dict[str, Any] = {"delta": rule.delta, "threshold": rule.threshold, "gradient": rule.gradient}
     masking: dict[str, Any] = {} if mask is None else {"foreground": mask.foreground, "offset": mask.offset}
     total, weight, possible = naive.count(lf.views, disparity, present=lf.present, **options, **masking)
-    votes, evidence = np.empty(total.shape, np.float32), np.empty(total.shape, np.float32)
-    with Workers(1) as workers:
-        vote_plane(stack_views(lf, disparity), disparity, rule, mask, workers, votes, evidence)
-    for found, expected in ((votes, total), (evidence, weight)):
+    count = VoteCount(single(), single().grey_views(lf, disparity), rule)
+    count.plane(disparity, mask)
+    for found, expected in ((count.votes, total), (count.evidence, weight)):
         counted = found.astype(np.float64) * possible
         np.testing.assert_array_equal(np.rint(counted), expected)
         assert np.abs(counted - expected).max() < 0.02
@@ -134,7 +134,7 @@ def test_more_votes_than_16_bits_count() -> None:
 @pytest.mark.parametrize("disparity", [-1e6, -37.3, 31.0, 1e6])
 def test_shifts_beyond_the_image_need_no_memory(disparity: float) -> None:
     lf = fields.light_field(np.random.default_rng(18), (4, 3), (12, 20), kind="noise")
-    assert stack_views(lf, abs(disparity)).data.nbytes < 20 * lf.views.nbytes
+    assert grey_stack(lf, abs(disparity)).data.nbytes < 20 * lf.views.nbytes
     mask = Mask(fields.random_mask(np.random.default_rng(19), (12, 20)), disparity)
     for chosen in (None, mask):
         assert_votes_agree(lf, disparity, chosen, VoteRule("none"))

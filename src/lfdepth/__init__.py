@@ -18,13 +18,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from lfdepth.camera import Camera
     from lfdepth.errors import LightFieldError
-    from lfdepth.estimation import Result, estimate
+    from lfdepth.estimation import estimate
     from lfdepth.io import read, read_confidence, read_disparity, write
     from lfdepth.lightfield import LightField
     from lfdepth.methods import Method, method
     from lfdepth.probe.order import check_orientation
     from lfdepth.probe.ranges import find_range
     from lfdepth.render.refocus import all_in_focus, foreground_masks, refocus, write_masks, write_picture
+    from lfdepth.result import Result
     from lfdepth.scoring import evaluate
 
 __version__ = "0.1.0"
@@ -35,7 +36,7 @@ _HOMES = {
     "LightField": "lfdepth.lightfield",
     "LightFieldError": "lfdepth.errors",
     "Method": "lfdepth.methods",
-    "Result": "lfdepth.estimation",
+    "Result": "lfdepth.result",
     "all_in_focus": "lfdepth.render.refocus",
     "check_orientation": "lfdepth.probe.order",
     "estimate": "lfdepth.estimation",

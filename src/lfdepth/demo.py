@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from lfdepth.errors import LightFieldError
 from lfdepth.methods import NAMES, method
+from lfdepth.trace import Progress
 
 if TYPE_CHECKING:
     from lfdepth.lightfield import LightField
@@ -38,7 +39,6 @@ BadPix: % of pixels whose error exceeds 0.01, 0.03, 0.07 px per view step;
 boundaries: BadPix 0.07 within 5 px of occlusion boundaries"""
 
 Announce = Callable[[str], None]
-Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ def run_demo(
     announce : callable, optional
         Called with a few words before each part of the work.
     progress : callable, optional
-        Called with (planes done, planes in all) while a method works.
+        Called with (steps done, steps in all, what was done) while a method works.
 
     Raises
     ------

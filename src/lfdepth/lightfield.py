@@ -23,6 +23,24 @@ MIN_VIEWS = 3
 _LUMA = np.array([0.299, 0.587, 0.114], dtype=np.float32)
 
 
+def luma(samples: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
+    """Rec. 601 luma, 0.299 R + 0.587 G + 0.114 B, of samples (..., C), C = 1 or 3, in their own unit."""
+    values = samples.astype(np.float32)
+    return values[..., 0] if samples.shape[-1] == 1 else np.asarray(values @ _LUMA, np.float32)
+
+
+def reference_index(grid: tuple[int, int]) -> tuple[int, int]:
+    """Row and column of the reference view in a grid of (V, U) views: its middle, the later one of two."""
+    return grid[0] // 2, grid[1] // 2
+
+
+def grid_offsets(grid: tuple[int, int]) -> npt.NDArray[np.float64]:
+    """Where views of a regular grid stand: (V, U, 2) view steps down and across from the reference view."""
+    v, u = reference_index(grid)
+    steps = np.mgrid[-v : grid[0] - v, -u : grid[1] - u]
+    return np.ascontiguousarray(np.moveaxis(steps, 0, 2), np.float64)
+
+
 @dataclass(frozen=True, eq=False)
 class LightField:
     """Views of one scene from a regular grid of cameras.
@@ -99,7 +117,17 @@ class LightField:
     @property
     def centre(self) -> tuple[int, int]:
         """Grid position (V // 2, U // 2) of the reference view."""
-        return self.shape[0] // 2, self.shape[1] // 2
+        return reference_index(self.shape[:2])
+
+    @property
+    def offsets(self) -> npt.NDArray[np.float64]:
+        """Where views stand: (V, U, 2) view steps down and across from the reference view."""
+        return grid_offsets(self.shape[:2])
+
+    @property
+    def available(self) -> npt.NDArray[np.bool_]:
+        """(V, U), True where a view exists: `present`, spelt out."""
+        return np.ones(self.shape[:2], np.bool_) if self.present is None else self.present
 
     @property
     def reference(self) -> npt.NDArray[Any]:
@@ -126,11 +154,10 @@ class LightField:
             grey: npt.NDArray[Any] = self.views[..., 0]
             return grey
         grey = np.empty((v, u, h, w), dtype=np.uint8 if eight_bit else np.float32)
-        weights = _LUMA if channels == 3 else np.ones(1, np.float32)
-        weights = weights * np.float32(255 / self.full_scale)
+        scale = np.float32(255 / self.full_scale)
         for index in np.ndindex(v, u):  # view by view: a float copy of all of them would be large
-            luma = self.views[index].astype(np.float32) @ weights
-            grey[index] = np.rint(luma) if eight_bit else luma
+            levels = luma(self.views[index]) * scale
+            grey[index] = np.rint(levels) if eight_bit else levels
         return grey
 
     def epi_horizontal(self, y: int) -> npt.NDArray[Any]:
@@ -246,13 +273,25 @@ class LightField:
         return LightFieldError(f"{self.name}: {found}; expected {expected}; {remedy}")
 
 
-def check_range(disparity_range: tuple[float, float], what: str) -> None:
-    """Raise LightFieldError unless the range is finite and its smallest value is below its largest."""
-    low, high = disparity_range
-    if not (isfinite(low) and isfinite(high) and low < high):
+def check_range(disparity_range: tuple[float, float], what: str = "range") -> tuple[float, float]:
+    """The range as two finite, ordered floats.
+
+    Raises
+    ------
+    LightFieldError
+        Otherwise; it calls the range `what`.
+    """
+    low, high = (float(end) for end in disparity_range)
+    if not (isfinite(low) and isfinite(high)):
         raise LightFieldError(
-            f"{what} is {low:g} to {high:g}; expected finite MIN < MAX in px per view step; correct it"
+            f"{what}: found [{low:g}, {high:g}], expected finite numbers in px per view step; give both ends"
         )
+    if low >= high:
+        raise LightFieldError(
+            f"{what}: found [{low:g}, {high:g}], expected MIN below MAX (positive is nearer); swap or "
+            "widen the ends"
+        )
+    return low, high
 
 
 def check_window(window: tuple[int, int, int, int], size: tuple[int, int], what: str) -> None:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile
 
 import numpy as np
@@ -19,8 +18,9 @@ from lfdepth.lightfield import LightField
 from lfdepth.scoring.metrics import Array
 
 if TYPE_CHECKING:
-    from lfdepth.estimation import Result
     from lfdepth.methods import Method
+    from lfdepth.result import Result
+    from lfdepth.trace import Progress
 
 _PIECE = 64  # px, side of the piece on which a method runs before its time is taken
 
@@ -50,7 +50,7 @@ class Cache:
         method: Method,
         *,
         threads: int | None = None,
-        progress: Callable[[int, int], None] | None = None,
+        progress: Progress | None = None,
     ) -> Found:
         """The estimate and its run time from the folder, or made now and put there.
 
@@ -83,7 +83,7 @@ def key(lf: LightField, method: Method) -> str:
     """Hash of everything that an estimate depends on."""
     from lfdepth import __version__
 
-    parameters = json.dumps(asdict(method), sort_keys=True, default=str)
+    parameters = json.dumps([method.name, method.parameters()], sort_keys=True)
     words = [__version__, lf.views.dtype.name, lf.shape, lf.disparity_range, parameters]
     digest = hashlib.sha256(repr(words).encode())
     digest.update(np.ascontiguousarray(lf.views).data)
@@ -97,7 +97,7 @@ def timed_estimate(
     method: Method,
     *,
     threads: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> Result:
     """Estimate with a run time in which nothing was compiled.
 
@@ -118,14 +118,16 @@ def _warm_up(lf: LightField, method: Method, threads: int | None) -> None:
     from lfdepth.estimation import estimate
     from lfdepth.probe.ranges import find_range
 
-    width, height = min(lf.width, _PIECE), min(lf.height, _PIECE)
+    side = max(_PIECE, 2 * method.halo() + 2)
+    width, height = min(lf.width, side), min(lf.height, side)
     piece = lf.crop((lf.width - width) // 2, (lf.height - height) // 2, width, height)
     if lf.disparity_range is None:
         with suppress(LightFieldError):  # the piece may be too small to find a range in
             find_range(piece, threads=threads)
-    # More planes than J, since the first J of them run without a mask.
-    ends = lf.disparity_range or (-1.0, 1.0)
-    estimate(piece, method, range=ends, threads=threads, planes=method.skip + 3, step=None)
+    few: dict[str, Any] = {"planes": 8} if method.has_planes else {}
+    if "skip" in method.parameters():
+        few["skip"] = 5  # the first J planes run without a mask
+    estimate(piece, method, range=lf.disparity_range or (-1.0, 1.0), threads=threads, **few)
 
 
 def make_folder(folder: Path) -> Path:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -26,9 +25,14 @@ class Setting:
 
     def resolve(self) -> Method:
         """The method with its parameters; LightFieldError for an unknown one."""
-        from lfdepth.methods import method
+        from lfdepth.methods import method, method_class, parameters_of
 
-        return method(self.method, **self.options)
+        known = parameters_of(method_class(self.method))
+        given = {
+            name: known[name].parse(value) if isinstance(value, str) and name in known else value
+            for name, value in self.options.items()
+        }
+        return method(self.method, **given)
 
 
 def setting(text: str) -> Setting:
@@ -43,7 +47,7 @@ def setting(text: str) -> Setting:
     return Setting(text, method, parameters(rest, named=text))
 
 
-def parameters(text: str, *, named: str | None = None) -> dict[str, Any]:
+def parameters(text: str, *, named: str | None = None) -> dict[str, str]:
     """Read parameters such as ``step=0.02,skip=7``.
 
     Raises
@@ -59,15 +63,8 @@ def parameters(text: str, *, named: str | None = None) -> dict[str, Any]:
                 f"setting {named or text!r}: found {part!r}; expected {'METHOD:' if named else ''}"
                 "NAME=VALUE,NAME=VALUE; correct it"
             )
-        options[name.strip()] = _value(value.strip())
+        options[name.strip()] = value.strip()
     return options
-
-
-def _value(text: str) -> Any:
-    try:
-        return json.loads(text)
-    except json.JSONDecodeError:
-        return text
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ import csv
 import io
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from html import escape
 from itertools import pairwise
 from pathlib import Path
@@ -96,7 +96,7 @@ def json_text(result: Bench, *, published: bool) -> str:
         "lfdepth": __version__,
         "methods": [
             {"name": each.name, "method": each.method, "options": dict(each.options)}
-            | {"parameters": asdict(each.resolve())}
+            | {"parameters": each.resolve().parameters()}
             for each in result.settings
         ],
         "scenes": [_scene_json(scene) for scene in result.scenes],
@@ -276,10 +276,7 @@ def _cell_html(cell: Cell) -> str:
 def _runs_html(result: Bench) -> str:
     """What was run on what: whoever reads the tables must be able to do it again."""
     scenes = [_scene_row(_scene_json(scene)) for scene in result.scenes]
-    methods = [
-        (each.name, each.method, _parameters(asdict(each.resolve()), ("name", "summary")))
-        for each in result.settings
-    ]
+    methods = [(each.name, each.method, _parameters(each.resolve().parameters())) for each in result.settings]
     content = _plain_table(("scene", "views", "px", "disparity range", "truth"), scenes)
     if methods:
         content += _plain_table(("name", "method", "parameters"), methods)
@@ -293,9 +290,8 @@ def _scene_row(facts: dict[str, Any]) -> tuple[str, ...]:
     return facts["scene"], f"{columns}×{rows}", f"{width}×{height}", range, truth
 
 
-def _parameters(values: dict[str, Any], left_out: Sequence[str]) -> str:
-    kept = {key: value for key, value in values.items() if key not in left_out and value is not None}
-    return ", ".join(f"{key} {value}" for key, value in kept.items())
+def _parameters(values: dict[str, Any]) -> str:
+    return ", ".join(f"{key} {value}" for key, value in values.items() if value is not None)
 
 
 def _plain_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

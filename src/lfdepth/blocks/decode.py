@@ -11,18 +11,21 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.engines.cpu.decode import sign_step_kernel
-from lfdepth.engines.cpu.workers import Workers
+from lfdepth.engines import single
+from lfdepth.engines.base import Array, Engine
 
 
 class Decoder(Protocol):
     """Takes smoothed slices front to back, then gives disparity and confidence."""
 
-    def update(self, index: int, smoothed: NDArray[np.float32], workers: Workers) -> None:
+    def update(self, index: int, smoothed: Array) -> None:
         """Take the slice of plane `index`."""
 
-    def decide(self, workers: Workers) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Disparity (H, W) in px per view step, and confidence (H, W) in [0, 1]."""
+    def disparity(self) -> NDArray[np.float32]:
+        """Disparity (H, W) in px per view step; at the ends of the range, the end."""
+
+    def confidence(self) -> NDArray[np.float32]:
+        """Confidence (H, W) in [0, 1]."""
 
 
 class SignStep:
@@ -40,48 +43,45 @@ class SignStep:
     subplane
         Place the disparity at the zero crossing between the two planes, by linear interpolation, instead of
         halfway between them.
+    engine
+        Engine; by default the processor's, on one thread.
     """
 
-    def __init__(self, planes: NDArray[np.float64], size: tuple[int, int], *, subplane: bool = True) -> None:
+    def __init__(
+        self,
+        planes: NDArray[np.float64],
+        size: tuple[int, int],
+        *,
+        subplane: bool = True,
+        engine: Engine | None = None,
+    ) -> None:
         self.planes = planes
         self.subplane = subplane
-        self.sum = np.zeros(size, np.float32)
-        self.lowest = np.zeros(size, np.float32)
-        self.index = np.full(size, -1, np.int32)  # last plane in front of the surface; −1: none
-        self.before = np.zeros(size, np.float32)
-        self.after = np.zeros(size, np.float32)
+        self._engine = engine or single()
+        total, lowest, before, after = (self._engine.zeros(size, np.float32) for _ in "1234")
+        # The last plane in front of the surface; −1: none.
+        at = self._engine.upload(np.full(size, -1, np.int32))
+        self._state = (total, lowest, at, before, after)
 
-    def update(self, index: int, smoothed: NDArray[np.float32], workers: Workers) -> None:
+    def update(self, index: int, smoothed: Array) -> None:
         """Take the slice of plane `index`."""
-        workers.rows(
-            smoothed.shape[0],
-            sign_step_kernel,
-            index,
-            smoothed,
-            self.sum,
-            self.lowest,
-            self.index,
-            self.before,
-            self.after,
-        )
-
-    def decide(self, workers: Workers) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Disparity and confidence (H, W)."""
-        return self.disparity(), self.confidence()
+        self._engine.sign_step(index, smoothed, self._state)
 
     def disparity(self) -> NDArray[np.float32]:
         """Disparity (H, W); at the ends of the range, the end."""
+        _, _, at, before, after = map(self._engine.download, self._state)
         step = self.planes[0] - self.planes[1]
-        part = np.full(self.index.shape, 0.5, np.float32)
+        part = np.full(at.shape, 0.5, np.float32)
         if self.subplane:
-            rise = self.after - self.before
-            np.divide(-self.before, rise, out=part, where=rise > 0)
-        disparity = self.planes[0] - step * (self.index + part)
+            rise = after - before
+            np.divide(-before, rise, out=part, where=rise > 0)
+        disparity = self.planes[0] - step * (at + part)
         return np.asarray(np.clip(disparity, self.planes[-1], self.planes[0]), np.float32)
 
     def confidence(self) -> NDArray[np.float32]:
         """Fit of the step, `(Σ C̃ − 2·min running sum)/K`: 1 for a perfect step, 0 without evidence."""
-        fit = (self.sum - 2 * self.lowest) / np.float32(len(self.planes))
+        total, lowest = (self._engine.download(each) for each in self._state[:2])
+        fit = (total - 2 * lowest) / np.float32(len(self.planes))
         return np.asarray(np.clip(fit, 0, 1), np.float32)
 
 
@@ -91,24 +91,23 @@ class Accumulate:
     Parameters as for `SignStep`, which it uses for the confidence.
     """
 
-    def __init__(self, planes: NDArray[np.float64], size: tuple[int, int]) -> None:
+    def __init__(
+        self, planes: NDArray[np.float64], size: tuple[int, int], *, engine: Engine | None = None
+    ) -> None:
         self.planes = planes
-        self.count = np.zeros(size, np.int32)
-        self._fit = SignStep(planes, size, subplane=False)
+        self._engine = engine or single()
+        self._count = self._engine.zeros(size, np.int32)
+        self._fit = SignStep(planes, size, subplane=False, engine=self._engine)
 
-    def update(self, index: int, smoothed: NDArray[np.float32], workers: Workers) -> None:
+    def update(self, index: int, smoothed: Array) -> None:
         """Take the slice of plane `index`."""
-        self.count += smoothed > 0
-        self._fit.update(index, smoothed, workers)
-
-    def decide(self, workers: Workers) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Disparity and confidence (H, W)."""
-        return self.disparity(), self.confidence()
+        self._engine.accumulate(smoothed, self._count)
+        self._fit.update(index, smoothed)
 
     def disparity(self) -> NDArray[np.float32]:
         """Disparity (H, W)."""
         step = self.planes[0] - self.planes[1]
-        disparity = self.planes[-1] + step * (self.count - np.float32(0.5))
+        disparity = self.planes[-1] + step * (self._engine.download(self._count) - np.float32(0.5))
         return np.asarray(np.clip(disparity, self.planes[-1], self.planes[0]), np.float32)
 
     def confidence(self) -> NDArray[np.float32]:
@@ -134,7 +133,6 @@ def decided(disparity: NDArray[np.float32], planes: NDArray[np.float64]) -> NDAr
 
 
 def _decode(volume: NDArray[Any], decoder: Decoder) -> NDArray[np.float32]:
-    with Workers(1) as workers:
-        for index, smoothed in enumerate(volume):
-            decoder.update(index, np.ascontiguousarray(smoothed, np.float32), workers)
-        return decoder.decide(workers)[0]
+    for index, smoothed in enumerate(volume):
+        decoder.update(index, single().upload(np.asarray(smoothed, np.float32)))
+    return decoder.disparity()

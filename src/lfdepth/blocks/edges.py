@@ -12,18 +12,19 @@ views agree with it at its present disparity, the more the colours must say.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.blocks.median import median_plane
+from lfdepth.blocks.median import weighted_median
 from lfdepth.blocks.photo import local_thresholds
-from lfdepth.blocks.visibility import nearest_surfaces
-from lfdepth.engines.cpu.edges import edge_kernel
-from lfdepth.engines.cpu.workers import Workers
+from lfdepth.engines import single
+from lfdepth.engines.base import Engine
 from lfdepth.lightfield import LightField
+from lfdepth.trace import Trace
 
-_MEDIAN = (1, 0.05, 2.0)  # radius in px, standard deviations of colour and space
+_MEDIAN_RADIUS, _MEDIAN_COLOUR, _MEDIAN_SPACE = 1, 0.05, 2.0  # px, and standard deviations
 _SURE_PASSES, _LATE = 2, 3.0  # later passes, into wide bands, must be surer by this factor
 _EDGE_TRUST = 0.3
 _UNSTEADY = 0.15  # px per view step within two pixels that cost a pixel a third of its trust
@@ -53,7 +54,7 @@ class EdgeRule:
 
 
 class DepthEdges:
-    """Settles maps of one light field at their depth edges.
+    """Decides the depth edges of maps of one light field.
 
     Parameters
     ----------
@@ -61,65 +62,75 @@ class DepthEdges:
         Light field.
     rule
         Parameters.
+    engine
+        Engine; by default the processor's, on one thread.
+    trace
+        May keep "median", the map (H, W) without isolated values, before edges are decided.
     """
 
-    def __init__(self, lf: LightField, rule: EdgeRule) -> None:
+    def __init__(
+        self,
+        lf: LightField,
+        rule: EdgeRule,
+        *,
+        engine: Engine | None = None,
+        trace: Trace | None = None,
+    ) -> None:
         self.rule = rule
-        to_bytes = np.float32(255 / lf.full_scale)
-        self._views = lf.views if lf.views.dtype == np.uint8 else lf.views.astype(np.float32) * to_bytes
+        self._engine = engine or single()
+        self._trace = trace or Trace()
+        self._views = self._engine.views(lf)
         self._guide = np.ascontiguousarray(lf.reference.astype(np.float32) / np.float32(lf.full_scale))
         self._thresholds = local_thresholds(lf.reference) * np.float32(255)
-        self._present = np.ones(lf.shape[:2], np.bool_) if lf.present is None else lf.present
-        self._spare: NDArray[np.int16] | None = None
-        self._found = np.zeros(lf.views.shape[2:4], np.bool_)
+        self._found = np.zeros((lf.height, lf.width), np.bool_)
+        self._spare: Any = None
 
-    def settle(
-        self, disparity: NDArray[np.float32], workers: Workers, *, passes: int | None = None
-    ) -> NDArray[np.float32]:
+    def decide(self, disparity: NDArray[np.float32], *, passes: int | None = None) -> NDArray[np.float32]:
         """Remove isolated values from a map (H, W), then decide every pixel beside a depth edge.
 
         `passes` replaces the rule's if it is smaller.
         """
-        settled = np.empty_like(disparity)
-        median_plane(disparity, self._guide, None, _MEDIAN, workers, settled)
+        decided = weighted_median(
+            disparity,
+            self._guide,
+            radius=_MEDIAN_RADIUS,
+            sigma_colour=_MEDIAN_COLOUR,
+            sigma_space=_MEDIAN_SPACE,
+            engine=self._engine,
+        )
+        self._trace.take("median", lambda: decided)
         self._found[:] = False
         for count in range(self.rule.passes if passes is None else min(passes, self.rule.passes)):
-            settled = self._move_edges(settled, workers, 1.0 if count < _SURE_PASSES else _LATE)
+            decided = self.move(decided, 1.0 if count < _SURE_PASSES else _LATE)
         self._spare = None  # as large as the views
-        return settled
+        return decided
 
-    def distrust(
+    def move(self, disparity: NDArray[np.float32], caution: float = 1.0) -> NDArray[np.float32]:
+        """Decide every pixel beside a depth edge once; `caution` is a factor on the rule's inertia."""
+        self._spare = self._engine.surfaces_of(disparity, self._views, self._spare)
+        return self._engine.decide_edges(
+            self._views,
+            disparity,
+            self._spare,
+            self._thresholds,
+            self._found,
+            jump=self.rule.jump,
+            spread=self.rule.spread,
+            inertia=self.rule.inertia * caution,
+        )
+
+    @property
+    def found(self) -> NDArray[np.bool_]:
+        """(H, W), the pixels at depth edges of the map that was decided last."""
+        return self._found
+
+    def lower_confidence(
         self, confidence: NDArray[np.float32], disparity: NDArray[np.float32]
     ) -> NDArray[np.float32]:
-        """Lower a map's confidence (H, W) where the map just settled has edges, or changes fast."""
+        """Lower a map's confidence (H, W) where the map just decided has edges, or changes fast."""
         trust = 1 / np.sqrt(1 + (_local_range(disparity, 2) / np.float32(_UNSTEADY)) ** 2)
         trust[self._found] *= np.float32(_EDGE_TRUST)
         return np.asarray(confidence * trust, np.float32)
-
-    def _move_edges(
-        self, disparity: NDArray[np.float32], workers: Workers, caution: float = 1.0
-    ) -> NDArray[np.float32]:
-        width = self._views.shape[3]
-        nearest = nearest_surfaces(disparity, self._present, 0, width, workers, self._spare)
-        self._spare = nearest.data
-        decided = disparity.copy()
-        workers.rows(
-            len(disparity),
-            edge_kernel,
-            disparity,
-            self._views,
-            self._present,
-            nearest.data,
-            nearest.margin,
-            nearest.row_length,
-            self._thresholds,
-            np.float32(self.rule.jump),
-            np.float32(self.rule.spread),
-            np.float32(self.rule.inertia * caution),
-            decided,
-            self._found,
-        )
-        return decided
 
 
 def _local_range(image: NDArray[np.float32], radius: int) -> NDArray[np.float32]:

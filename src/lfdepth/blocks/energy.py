@@ -17,32 +17,28 @@ energies (`surface`) refine it.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.blocks.gloss import WEIGHT, FineCount, replace_shares, suspects
+from lfdepth.blocks.gloss import WEIGHT, FineCount, outermost, replace_shares, suspects
 from lfdepth.blocks.noise import ramp, residual, texture_weight, threshold_bounds
-from lfdepth.blocks.photo import ColourStack, local_thresholds, photo_plane, prepare_colours, thinned
+from lfdepth.blocks.photo import local_thresholds, thinned
 from lfdepth.blocks.smoothing import GuidedFilter
 from lfdepth.blocks.surface import fit_surfaces
-from lfdepth.blocks.visibility import NearestSurfaces, nearest_surfaces
-from lfdepth.engines.cpu.energy import (
-    SCALE,
-    decode_kernel,
-    energy_kernel,
-    fill_islands_kernel,
-    horizontal_kernel,
-    store_photo_kernel,
-    store_signs_kernel,
-    vertical_kernel,
-)
-from lfdepth.engines.cpu.workers import Workers
+from lfdepth.engines import single
+from lfdepth.engines.base import Array, ColourViews, Engine
+from lfdepth.engines.layout import SHARE_LEVELS
 from lfdepth.lightfield import LightField
+from lfdepth.trace import Trace
 
 _LARGEST_ISLAND = 2
 """Pixels up to which an island at an end of the range is filled."""
+
+_CONTRAST = (0.03, 0.1)
+"""Of photo-consistency along the planes, between which its weight rises from 0 to 1."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,6 +86,11 @@ class JointEnergy:
     stride
         Count photo-consistency on every `stride`-th plane only, and if that is not every one in every other
         row and column of views: enough for a first map that says which views see what, before `recount`.
+    engine
+        Engine; by default the processor's, on one thread.
+    trace
+        Takes note of time. May keep of every decision "sign energies", "joint energies" and "shares" in
+        [0, 1], (K, H, W); "paths", the disparity (H, W) before planes are fitted; and "decisions".
     """
 
     def __init__(
@@ -100,107 +101,129 @@ class JointEnergy:
         rule: JointRule,
         *,
         stride: int = 1,
+        engine: Engine | None = None,
+        trace: Trace | None = None,
     ) -> None:
         self.planes = planes
         self.rule = rule
         self.stride = stride if len(planes) >= 3 * stride else 1
+        self._engine = engine or single()
+        self._trace = trace or Trace()
         self._smoothing = smoothing
-        self._colours = prepare_colours(lf, float(np.abs(planes).max()))
-        self._residual = residual(lf, planes)
+        self._available = lf.available
+        grid = lf.shape[0], lf.shape[1]
+        held = thinned(lf.available, sparse=False) | outermost(grid)  # views that any count looks at
+        self._colours = self._engine.colour_views(lf, float(np.abs(planes).max()), held)
+        self._residual = residual(lf, planes, engine=self._engine)
         low, high = threshold_bounds(self._residual.noise)
         self._thresholds = local_thresholds(lf.reference, low=low, high=high)
+        self._bounds = self._engine.upload(self._thresholds)
         self._texture = texture_weight(lf, self._residual.level)
-        size = smoothing.guide.shape[:2]
-        self._agreeing, self._share = np.empty(size, np.float32), np.empty(size, np.float32)
-        self._signs = np.empty((len(planes), *size), np.float32)
-        self._photo = np.empty((len(planes), *size), np.uint8)
-        self._running, self._lowest = np.zeros(size, np.float32), np.zeros(size, np.float32)
+        size = lf.height, lf.width
+        self._agreeing, self._share = (self._engine.empty(size, np.float32) for _ in "12")
+        self._signs = self._engine.empty((len(planes), *size), np.float32)
+        self._shares = self._engine.empty((len(planes), *size), np.uint8)
+        self._running, self._lowest = (self._engine.zeros(size, np.float32) for _ in "12")
         self._glossy = np.zeros(size, np.bool_)
-        self._nearest: NearestSurfaces | None = None
+        self._surfaces: Any = None
 
-    def update(self, index: int, smoothed: NDArray[np.float32], workers: Workers) -> None:
+    @property
+    def step(self) -> float:
+        """Distance of planes, px per view step."""
+        return float(self.planes[0] - self.planes[1])
+
+    def update(self, index: int, smoothed: Array) -> None:
         """Take the smoothed sign votes of plane `index`, and count photo-consistency there."""
-        step = np.float32(self.planes[0] - self.planes[1])
-        workers.rows(
-            len(smoothed), store_signs_kernel, step, smoothed, self._running, self._lowest, self._signs[index]
-        )
+        with self._trace.block("decoding"):
+            self._engine.store_signs(smoothed, self.step, self._running, self._lowest, self._signs[index])
         if index % self.stride == 0:
-            self._count(index, None, workers)
+            self._count(index)
 
-    def recount(self, disparity: NDArray[np.float32], workers: Workers) -> Iterator[int]:
+    def recount(self, disparity: NDArray[np.float32]) -> Iterator[int]:
         """Count photo-consistency again on all planes, in the views that see past a first map (H, W).
 
         Yields the index of each plane done.
         """
         self.stride = 1
-        stack = self._voting()
-        self._nearest = nearest_surfaces(disparity, stack.present, stack.margin, stack.row_length, workers)
+        self._surfaces = self._engine.nearest_surfaces(disparity, self._voting())
         for index in range(len(self.planes)):
-            self._count(index, self._nearest, workers)
+            self._count(index)
             yield index
 
-    def replace_glossy(self, workers: Workers) -> None:
+    def replace_glossy(self) -> None:
         """Leave glossy pixels to the photo votes of high-passed views (`gloss`), after `recount`."""
-        if self.rule.photo_weight == 0 or self._nearest is None:
+        if self.rule.photo_weight == 0 or self._surfaces is None:
             return
-        cells = suspects(self._colours, self._thresholds, self._texture, self.planes, workers)
+        cells = suspects(self._engine, self._colours, self._bounds, self._texture, self.planes)
         if not cells.any():
             return
-        count = FineCount(self._voting(), self._thresholds, self._smoothing, self.planes, self._nearest)
-        self._glossy = replace_shares(count, self._photo, cells, workers)
-        self._signs[:, self._glossy] = 0
+        count = FineCount(
+            self._engine, self._voting(), self._thresholds, self._smoothing, self.planes, self._surfaces
+        )
+        self._glossy = replace_shares(count, self._shares, cells)
+        self._engine.put_where(self._signs, self._glossy, 0)
 
-    def _voting(self) -> ColourStack:
+    def _voting(self) -> ColourViews:
         """The views, of which only those are present that vote at this stride."""
-        return replace(self._colours, present=thinned(self._colours.present, sparse=self.stride > 1))
+        return self._engine.voting(self._colours, thinned(self._available, sparse=self.stride > 1))
 
-    def _count(self, index: int, nearest: NearestSurfaces | None, workers: Workers) -> None:
+    def _count(self, index: int) -> None:
         plane = float(self.planes[index])
-        photo_plane(self._voting(), plane, self._thresholds, workers, self._agreeing, nearest)
-        self._smoothing.smooth_plane(self._agreeing, workers, self._share)
-        workers.rows(len(self._share), store_photo_kernel, self._share, self._photo[index])
+        with self._trace.block("voting"):
+            self._engine.photo(self._voting(), plane, self._bounds, self._agreeing, surfaces=self._surfaces)
+        with self._trace.block("smoothing"):
+            self._smoothing.smooth(self._agreeing, self._share)
+        with self._trace.block("decoding"):
+            self._engine.store_shares(self._share, self._shares[index])
 
-    def decide(self, workers: Workers) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def decide(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Disparity and confidence, both (H, W)."""
-        signs, photo = self._signs[:: self.stride], self._photo[:: self.stride]
-        step = np.float32(self.planes[0] - self.planes[1])
-        contrast = (photo.max(axis=0) - photo.mean(axis=0, dtype=np.float32)) / np.float32(255)
-        weight = np.float32(self.rule.photo_weight) * ramp(contrast, 0.03, 0.1) * self._texture
+        signs, shares = self._signs[:: self.stride], self._shares[:: self.stride]
+        contrast = self._engine.contrast(shares)
+        weight = np.float32(self.rule.photo_weight) * ramp(contrast, *_CONTRAST) * self._texture
         weight[self._glossy] *= np.float32(WEIGHT)
-        total = self._smooth_paths(signs, photo, weight, workers)
-        position = np.empty(weight.shape, np.float32)
-        workers.rows(len(position), decode_kernel, total, position)
-        fill_islands_kernel(position, len(signs), _LARGEST_ISLAND)
+        self._keep(signs, shares, weight)
+        with self._trace.block("paths"):
+            position = self._engine.least(self._smooth_paths(signs, shares, weight))
+            self._engine.fill_islands(position, len(signs), _LARGEST_ISLAND)
+        self._trace.take("paths", lambda: self._disparity(position))
         if self.stride == 1 and self.rule.fit_radius > 0:
-            radius, guide = self.rule.fit_radius, self._smoothing.guide
-            position = fit_surfaces(position, (signs, photo, weight), guide, float(step), radius, workers)
-        disparity = np.float32(self.planes[0]) - step * np.float32(self.stride) * position
-        fit = np.clip((self._running - 2 * self._lowest) / (step * np.float32(len(self.planes))), 0, 1)
-        fit[self._glossy] = contrast[self._glossy]  # there is no step to fit
-        return disparity, np.sqrt(fit * np.clip(contrast, 0, 1))
+            energy, guide, radius = (signs, shares, weight), self._smoothing.guide, self.rule.fit_radius
+            with self._trace.block("planes"):
+                position = fit_surfaces(position, energy, guide, self.step, radius, engine=self._engine)
+        disparity = self._disparity(position)
+        self._trace.take("decisions", lambda: disparity)
+        return disparity, self._confidence(contrast)
 
-    def _smooth_paths(
-        self,
-        signs: NDArray[np.float32],
-        photo: NDArray[np.uint8],
-        weight: NDArray[np.float32],
-        workers: Workers,
-    ) -> NDArray[np.int16]:
+    def _disparity(self, position: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Disparity at places counted in planes of this stride."""
+        step = np.float32(self.step) * np.float32(self.stride)
+        return np.asarray(np.float32(self.planes[0]) - step * position, np.float32)
+
+    def _keep(self, signs: Array, shares: Array, weight: NDArray[np.float32]) -> None:
+        """Offer the energies of a decision to the trace."""
+        down, trace = self._engine.download, self._trace
+        trace.take("sign energies", lambda: down(signs))
+        trace.take("shares", lambda: down(shares) / np.float32(SHARE_LEVELS))
+        trace.take("joint energies", lambda: down(signs) - weight * (down(shares) / np.float32(SHARE_LEVELS)))
+
+    def _confidence(self, contrast: NDArray[np.float32]) -> NDArray[np.float32]:
+        """How well one step fits the profile, and how much the peak of the shares stands out."""
+        running, lowest = (self._engine.download(each) for each in (self._running, self._lowest))
+        fit = np.clip((running - 2 * lowest) / (np.float32(self.step) * np.float32(len(self.planes))), 0, 1)
+        fit[self._glossy] = contrast[self._glossy]  # there is no step to fit
+        return np.asarray(np.sqrt(fit * np.clip(contrast, 0, 1)), np.float32)
+
+    def _smooth_paths(self, signs: Array, shares: Array, weight: NDArray[np.float32]) -> Array:
         """Energies (H, W, K) summed over the best paths from four sides."""
-        height, width = weight.shape
-        energy = np.empty((height, width, len(signs)), np.int16)
-        workers.rows(height, energy_kernel, signs, photo, weight, energy)
-        total = np.zeros(energy.shape, energy.dtype)  # pages are cleared where threads touch them first
-        for kernel, length in ((horizontal_kernel, height), (vertical_kernel, width)):
-            workers.rows(
-                length,
-                kernel,
-                energy,
-                total,
-                self._smoothing.guide,
-                np.float32(min(self.rule.slope_penalty * self.stride, self.rule.jump_penalty) * SCALE),
-                np.float32(self.rule.jump_penalty * SCALE),
-                np.float32(self.rule.edge_sharpness),
-                np.float32(self._residual.level * self._smoothing.guide.shape[2]),
-            )
-        return total
+        guide, rule = self._smoothing.guide, self.rule
+        return self._engine.paths(
+            signs,
+            shares,
+            weight,
+            guide,
+            slope=min(rule.slope_penalty * self.stride, rule.jump_penalty),
+            jump=rule.jump_penalty,
+            sharpness=rule.edge_sharpness,
+            noise=self._residual.level * guide.shape[2],
+        )

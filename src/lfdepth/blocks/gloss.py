@@ -17,20 +17,15 @@ agree, and the first map says which views see what, as in the second count.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.blocks.photo import ColourStack, photo_arguments, photo_plane
-from lfdepth.blocks.reparam import round_width
 from lfdepth.blocks.smoothing import GuidedFilter
-from lfdepth.blocks.visibility import NearestSurfaces
-from lfdepth.engines.cpu.energy import store_photo_kernel
-from lfdepth.engines.cpu.gloss import high_pass_kernel, label_kernel, probe_kernel
-from lfdepth.engines.cpu.visibility import EMPTY
-from lfdepth.engines.cpu.workers import Workers
+from lfdepth.engines.base import Array, ColourViews, Engine
+from lfdepth.engines.layout import SHARE_LEVELS
 
 CELL = 8
 """Distance in px of the probed rows, and the side of a cell."""
@@ -79,99 +74,67 @@ class Box(NamedTuple):
         )
 
 
-def high_passed(stack: ColourStack, box: Box, workers: Workers) -> ColourStack:
-    """Present views in a box, less their mean over 7×7 px, plus mid-grey.
-
-    Means repeat the border of the image, and so do columns beyond it; the other columns around the box hold
-    what the image has there. Views that are not present are left undefined.
-    """
-    rows, columns = stack.grid
-    height, width = box.bottom - box.top, box.right - box.left
-    length = round_width(width) + 2 * stack.margin
-    source = stack.data.reshape(rows, columns, stack.size[0], stack.channels, stack.row_length)
-    out = np.empty((rows, columns, height, stack.channels, length), source.dtype)
-    views = np.argwhere(stack.present)
-    workers.rows(
-        len(views),
-        high_pass_kernel,
-        views,
-        source,
-        stack.margin,
-        stack.size[1],
-        (box.top, box.left),
-        out,
-    )
-    return replace(stack, data=out.reshape(-1), size=(height, width), row_length=length)
-
-
 def suspects(
-    stack: ColourStack,
-    thresholds: NDArray[np.float32],
+    engine: Engine,
+    views: ColourViews,
+    thresholds: Array,
     texture: NDArray[np.float32],
     planes: NDArray[np.float64],
-    workers: Workers,
 ) -> NDArray[np.bool_]:
     """Cells whose high-passed views agree more often than the views themselves, and their neighbours.
 
     Parameters
     ----------
-    stack
-        Views.
+    engine
+        Engine.
+    views
+        All views.
     thresholds
-        (H, W) colour differences below which two views agree, fractions of full scale.
+        (H, W) colour differences below which two views agree, fractions of full scale; the engine's.
     texture
         (H, W) weight of photo votes in [0, 1]; where there is no texture, high-passed views always agree.
     planes
         (K,) disparities.
-    workers
-        Threads.
 
     Returns
     -------
     (⌈H / CELL⌉, ⌈W / CELL⌉) bool; none where there are too few views to tell.
     """
-    height, width = stack.size
+    height, width = views.size
     suspect = np.zeros((-(-height // CELL), -(-width // CELL)), np.bool_)
-    probe = _outermost(stack)
-    if np.count_nonzero(stack.present) < _FEWEST_VIEWS or np.count_nonzero(probe.present) < _FEWEST_PROBED:
+    grid = views.present.shape[0], views.present.shape[1]
+    probed = views.present & outermost(grid)
+    if np.count_nonzero(views.present) < _FEWEST_VIEWS or np.count_nonzero(probed) < _FEWEST_PROBED:
         return suspect
+    probe = engine.subgrid(views, *_outermost(grid))
     rows = np.minimum(np.arange(len(suspect)) * CELL + CELL // 2, height - 1)
-    fine = _peaks(high_passed(probe, Box(0, height, 0, width), workers), thresholds, planes, rows, workers)
-    rise = (fine - _peaks(probe, thresholds, planes, rows, workers)) * texture[rows]
+    whole = engine.high_passed(probe, Box(0, height, 0, width).parts)
+    fine = engine.photo_peaks(whole, planes, thresholds, rows)
+    rise = (fine - engine.photo_peaks(probe, planes, thresholds, rows)) * texture[rows]
     for axis, radius in enumerate(_WINDOW):
         rise = _running_mean(rise, radius, axis)
     padded = np.zeros((len(rows), suspect.shape[1] * CELL), np.bool_)
     padded[:, :width] = rise > _PROBED_RISE
-    return _spread(np.asarray(padded.reshape(len(rows), -1, CELL).any(axis=2)))
+    suspect[:] = padded.reshape(len(rows), -1, CELL).any(axis=2)
+    return _spread(suspect) if suspect.any() else suspect
 
 
-def _outermost(stack: ColourStack) -> ColourStack:
-    """The reference view, and of the grid's sides the corners and middles, as far as there are any."""
-    down, across = (_ends_and_middle(count) for count in stack.grid)
-    present, data = stack.present[down, across], stack.data.reshape(*stack.grid, -1)[down, across].reshape(-1)
-    grid, stride = (present.shape[0], present.shape[1]), (down.step, across.step)
-    return replace(stack, data=data, grid=grid, stride=stride, present=present)
+def _outermost(grid: tuple[int, ...]) -> tuple[slice, slice]:
+    """Rows and columns of the reference view, and of the grid's sides the corners and middles."""
+    return _ends_and_middle(grid[0]), _ends_and_middle(grid[1])
+
+
+def outermost(grid: tuple[int, int]) -> NDArray[np.bool_]:
+    """(V, U), which views `suspects` looks at."""
+    looked_at = np.zeros(grid, np.bool_)
+    looked_at[_outermost(grid)] = True
+    return looked_at
 
 
 def _ends_and_middle(count: int) -> slice:
     """The reference view's place among `count`, and the farthest that lie as far on either side."""
     middle, reach = count // 2, (count - 1) // 2
     return slice(middle - reach, middle + reach + 1, max(reach, 1))
-
-
-def _peaks(
-    stack: ColourStack,
-    thresholds: NDArray[np.float32],
-    planes: NDArray[np.float64],
-    rows: NDArray[np.int64],
-    workers: Workers,
-) -> NDArray[np.float32]:
-    """Largest share over planes at the pixels of some rows, (rows, W)."""
-    peaks, shares = np.zeros((len(rows), stack.size[1]), np.float32), np.empty(stack.size, np.float32)
-    for plane in planes:
-        arguments = photo_arguments(stack, float(plane), thresholds)
-        workers.rows(len(rows), probe_kernel, rows, peaks, shares, arguments)
-    return peaks
 
 
 def boxes(cells: NDArray[np.bool_], size: tuple[int, int]) -> list[Box]:
@@ -221,112 +184,93 @@ class FineCount:
 
     Attributes
     ----------
-    stack
+    engine
+        Engine.
+    views
         Views, those that vote being present.
     thresholds
-        (H, W) fractions of full scale, of the reference view as it is.
+        (H, W) fractions of full scale, of the reference view as it is; on the host.
     smoothing
         Filter for the shares.
     planes
         (K,) disparities.
-    nearest
-        Surfaces of the first map, which say what each view sees.
+    surfaces
+        Nearest surfaces of the first map, which say what each view sees.
     """
 
-    stack: ColourStack
+    engine: Engine
+    views: ColourViews
     thresholds: NDArray[np.float32]
     smoothing: GuidedFilter
     planes: NDArray[np.float64]
-    nearest: NearestSurfaces
+    surfaces: object
 
-    def shares(self, box: Box, own: NDArray[np.uint8], workers: Workers) -> NDArray[np.uint8] | None:
+    def shares(self, box: Box, own: Array) -> Array | None:
         """Shares (K, h, w) in a box, in 1/255; None where hardly any pixel's rise above the views' `own`."""
-        voting = box.grown(2 * self.smoothing.radius, 2 * self.smoothing.radius, self.stack.size)
-        reach = int(np.ceil(self.stack.grid[0] // 2 * np.abs(self.planes).max())) + 2
-        source = voting.grown(reach, 0, self.stack.size)
-        views, nearest = high_passed(self.stack, source, workers), _surfaces_in(self.nearest, source)
+        engine, radius = self.engine, self.smoothing.radius
+        voting = box.grown(2 * radius, 2 * radius, self.views.size)
+        farthest = float(np.abs(self.views.offsets[..., 0]).max())
+        reach = int(np.ceil(farthest * np.abs(self.planes).max())) + 2
+        source = voting.grown(reach, 0, self.views.size)
+        views = engine.high_passed(self.views, source.parts)
+        surfaces = engine.surfaces_in(self.surfaces, source.parts)
         guide = np.ascontiguousarray(self.smoothing.guide[voting.parts])
-        smoothing = GuidedFilter(guide, self.smoothing.radius, self.smoothing.epsilon)
-        thresholds = np.ascontiguousarray(self.thresholds[source.parts])
+        smoothing = GuidedFilter(guide, radius, self.smoothing.epsilon, engine=engine)
+        thresholds = engine.upload(self.thresholds[source.parts])
         rows, inner = voting.inside(source).parts[0], box.inside(voting).parts
-        agreeing, share = np.empty(views.size, np.float32), np.empty(guide.shape[:2], np.float32)
-        levels, out = np.empty(share.shape, np.uint8), np.empty(own.shape, np.uint8)
+        agreeing, share = (engine.empty(size, np.float32) for size in (views.size, guide.shape[:2]))
+        levels = engine.empty((len(self.planes), *guide.shape[:2]), np.uint8)
+        out = levels[:, *inner]
 
         def count(indices: Iterable[int]) -> None:
             for k in indices:
-                photo_plane(
-                    views,
-                    float(self.planes[k]),
-                    thresholds,
-                    workers,
-                    agreeing,
-                    nearest,
-                    rows=(rows.start, rows.stop),
-                )
-                smoothing.smooth_plane(agreeing[rows], workers, share)
-                workers.rows(len(share), store_photo_kernel, share, levels)
-                out[k] = levels[inner]
+                plane, wanted = float(self.planes[k]), (rows.start, rows.stop)
+                engine.photo(views, plane, thresholds, agreeing, surfaces=surfaces, rows=wanted)
+                smoothing.smooth(agreeing[rows], share)
+                engine.store_shares(share, levels[k])
 
         count(range(0, len(out), _COARSE))
-        if np.count_nonzero(_rises(out[::_COARSE], own[::_COARSE])) < _AREA:
+        if np.count_nonzero(_rises(engine, out[::_COARSE], own[::_COARSE])) < _AREA:
             return None
         count(k for k in range(len(out)) if k % _COARSE != 0)
         return out
 
 
-def _surfaces_in(nearest: NearestSurfaces, box: Box) -> NearestSurfaces:
-    """Nearest surfaces for a box of the image, laid out like `high_passed` views."""
-    height = nearest.disparity.shape[0]
-    source = nearest.data.reshape(*nearest.grid, height, nearest.row_length)
-    length = round_width(box.right - box.left) + 2 * nearest.margin
-    data = np.full((*nearest.grid, box.bottom - box.top, length), EMPTY, np.int16)
-    columns = source[:, :, box.top : box.bottom, box.left : box.left + length]
-    data[..., : columns.shape[-1]] = columns
-    rows = nearest.rows.reshape(source.shape[:3])[:, :, box.top : box.bottom].reshape(-1)
-    disparity = np.ascontiguousarray(nearest.disparity[box.parts])
-    return replace(nearest, data=data.reshape(-1), rows=rows, row_length=length, disparity=disparity)
-
-
-def replace_shares(
-    count: FineCount, photo: NDArray[np.uint8], cells: NDArray[np.bool_], workers: Workers
-) -> NDArray[np.bool_]:
+def replace_shares(count: FineCount, shares: Array, cells: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Put high-passed views' shares in place of those of glossy pixels.
 
     Parameters
     ----------
     count
         Counts votes of high-passed views.
-    photo
-        (K, H, W) shares of the views themselves, in 1/255; changed in place.
+    shares
+        (K, H, W) shares of the views themselves, in 1/255; the engine's, changed in place.
     cells
         `suspects`.
-    workers
-        Threads.
 
     Returns
     -------
     (H, W) bool, which pixels are glossy.
     """
-    size = count.stack.size
+    size, engine = count.views.size, count.engine
     found = []
     for box in boxes(cells, size):
-        fine = count.shares(box, photo[:, *box.parts], workers)
+        fine = count.shares(box, shares[:, *box.parts])
         if fine is not None:
             found.append((box, fine))
     rising, covered = np.zeros(size, np.bool_), np.zeros(size, np.bool_)
     for box, fine in found:
-        rising[box.parts] = _rises(fine, photo[:, *box.parts])
+        rising[box.parts] = _rises(engine, fine, shares[:, *box.parts])
         covered[box.parts] = True
     glossy = tidied(rising) & covered
     for box, fine in found:
-        here = glossy[box.parts]
-        photo[:, *box.parts][:, here] = fine[:, here]
+        engine.put_where(shares[:, *box.parts], glossy[box.parts], fine)
     return glossy
 
 
-def _rises(fine: NDArray[np.uint8], own: NDArray[np.uint8]) -> NDArray[np.bool_]:
+def _rises(engine: Engine, fine: Array, own: Array) -> NDArray[np.bool_]:
     """Where the peak over planes of high-passed views lies above that of the views' own."""
-    return np.asarray(fine.max(axis=0).astype(np.int16) - own.max(axis=0) > RISE * 255)
+    return np.asarray(engine.peak(fine).astype(np.int16) - engine.peak(own) > RISE * SHARE_LEVELS)
 
 
 def tidied(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -344,13 +288,10 @@ def tidied(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 def _spread(mask: NDArray[np.bool_], *, corners: bool = True) -> NDArray[np.bool_]:
     """A mask and its pixels' four neighbours, and the diagonal ones with `corners`."""
-    across = mask.copy()
-    across[:, 1:] |= mask[:, :-1]
-    across[:, :-1] |= mask[:, 1:]
-    out, source = across.copy(), across if corners else mask
-    out[1:] |= source[:-1]
-    out[:-1] |= source[1:]
-    return out
+    from scipy import ndimage  # loaded only where something glossy was found
+
+    neighbours = ndimage.generate_binary_structure(2, 2 if corners else 1)
+    return np.asarray(ndimage.binary_dilation(mask, neighbours))
 
 
 def _small(mask: NDArray[np.bool_], area: int) -> NDArray[np.bool_]:
@@ -360,11 +301,10 @@ def _small(mask: NDArray[np.bool_], area: int) -> NDArray[np.bool_]:
 
 
 def _labelled(mask: NDArray[np.bool_]) -> NDArray[np.int32]:
-    """Numbers of the regions of a mask (H, W), from 1 on; 0 outside."""
-    padded = np.pad(mask, 1)
-    labels = np.zeros(padded.shape, np.int32)
-    label_kernel(padded.reshape(-1), padded.shape[1], labels.reshape(-1))
-    return labels[1:-1, 1:-1]
+    """Numbers of the regions of a mask (H, W), connected by their sides, from 1 on; 0 outside."""
+    from scipy import ndimage
+
+    return np.asarray(ndimage.label(mask)[0], np.int32)
 
 
 def _running_mean(image: NDArray[np.float32], radius: int, axis: int) -> NDArray[np.float32]:

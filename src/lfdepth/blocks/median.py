@@ -7,14 +7,13 @@ for Stereo Matching and Beyond, ICCV 2013, doi:10.1109/ICCV.2013.13.
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.engines.cpu.median import median_kernel
-from lfdepth.engines.cpu.workers import Workers
+from lfdepth.engines import single
+from lfdepth.engines.base import Engine
 from lfdepth.errors import LightFieldError
 
 LARGEST_RADIUS = 15
@@ -29,7 +28,7 @@ def weighted_median(
     sigma_colour: float = 0.05,
     sigma_space: float = 2.0,
     weight: NDArray[Any] | None = None,
-    threads: int | None = 1,
+    engine: Engine | None = None,
 ) -> NDArray[np.float32]:
     """Lower weighted median over (2·radius + 1)² windows, cut at the image's border.
 
@@ -51,8 +50,8 @@ def weighted_median(
         The same for the distance in px.
     weight
         (H, W) in [0, 1], such as a confidence; None weighs all pixels alike.
-    threads
-        Number of threads; None takes every processor.
+    engine
+        Engine; by default the processor's, on one thread.
 
     Returns
     -------
@@ -69,10 +68,9 @@ def weighted_median(
     for name, sigma in (("sigma_colour", sigma_colour), ("sigma_space", sigma_space)):
         if not 0 < sigma < np.inf:
             raise LightFieldError(f"{name}: found {sigma}, expected a positive number")
-    out = np.empty(disparity.shape, np.float32)
-    with Workers(threads) as workers:
-        median_plane(disparity, guide, weight, (radius, sigma_colour, sigma_space), workers, out)
-    return out
+    return (engine or single()).median(
+        disparity, guide, weight, radius=radius, sigma_colour=sigma_colour, sigma_space=sigma_space
+    )
 
 
 def _check_maps(disparity: NDArray[Any], guide: NDArray[Any], weight: NDArray[Any] | None) -> None:
@@ -91,65 +89,3 @@ def _check_maps(disparity: NDArray[Any], guide: NDArray[Any], weight: NDArray[An
             f"weight: found shape {weight.shape} with values from {weight.min():g} to {weight.max():g}, "
             f"expected {disparity.shape} with values in [0, 1]; scale it"
         )
-
-
-def median_plane(
-    disparity: NDArray[Any],
-    guide: NDArray[Any],
-    weight: NDArray[Any] | None,
-    window: tuple[int, float, float],
-    workers: Workers,
-    out: NDArray[np.float32],
-) -> None:
-    """Filter `disparity` into `out`; `window` is (radius, σ_colour, σ_space), as for `weighted_median`.
-
-    This is what an engine for other hardware replaces.
-    """
-    radius, sigma_colour, sigma_space = window
-    prior = np.ones(disparity.shape) if weight is None else weight
-    to_binary = 1 / np.log(2)
-    workers.rows(
-        disparity.shape[0],
-        median_kernel,
-        out,
-        _padded(disparity, radius, "edge"),
-        _padded(np.moveaxis(guide, 2, 0), radius, "edge"),
-        # Pixels beyond the border weigh nothing, which cuts the window.
-        _padded(prior, radius, "constant"),
-        _offsets(radius, to_binary / (2 * sigma_space**2)),
-        sorting_network((2 * radius + 1) ** 2),
-        np.float32(min(to_binary / (2 * sigma_colour**2), np.finfo(np.float32).max)),
-    )
-
-
-def _padded(maps: NDArray[Any], radius: int, mode: Any) -> NDArray[np.float32]:
-    """Flat copy, padded along the last two axes."""
-    border = [(0, 0)] * (maps.ndim - 2) + [(radius, radius)] * 2
-    return np.pad(maps.astype(np.float32), border, mode).reshape(-1)
-
-
-def _offsets(radius: int, scale: float) -> NDArray[np.float32]:
-    """(down, across, `scale` times their squared length) of a window's pixels."""
-    down, across = (axis.reshape(-1) for axis in np.mgrid[-radius : radius + 1, -radius : radius + 1])
-    exponents = np.minimum(scale * (down**2 + across**2), 30.0)
-    return np.stack([down, across, exponents], axis=-1).astype(np.float32)
-
-
-@cache
-def sorting_network(count: int) -> NDArray[np.int64]:
-    """Pairs (low, high) to put in order, one after the other, that sort any `count` values.
-
-    Batcher's merge exchange: Knuth, The Art of Computer Programming 3, 5.2.2, algorithm M.
-    """
-    pairs: list[tuple[int, int]] = []
-    top = 1 << max((count - 1).bit_length() - 1, 0)
-    p = top
-    while p > 0:
-        q, r, d = top, 0, p
-        while True:
-            pairs += [(i, i + d) for i in range(count - d) if i & p == r]
-            if q == p:
-                break
-            d, q, r = q - p, q // 2, p
-        p //= 2
-    return np.array(pairs, np.int64).reshape(-1, 2)

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfdepth.blocks.photo import local_thresholds
-from lfdepth.blocks.smoothing import box_mean
-from lfdepth.engines.cpu.noise import residual_kernel
+from lfdepth.engines import single
+from lfdepth.engines.base import Engine
+from lfdepth.engines.boxes import box_mean
 from lfdepth.lightfield import LightField
 
 _SAMPLES = 800
@@ -34,7 +35,13 @@ class Residual(NamedTuple):
     noise: float
 
 
-def residual(lf: LightField, planes: NDArray[np.float64], samples: int = _SAMPLES) -> Residual:
+def residual(
+    lf: LightField,
+    planes: NDArray[np.float64],
+    samples: int = _SAMPLES,
+    *,
+    engine: Engine | None = None,
+) -> Residual:
     """Levels at which views differ even where a plane fits: sensor noise, rounding and interpolation.
 
     On a regular grid of pixels the mean absolute difference between the reference view and all others is
@@ -44,9 +51,8 @@ def residual(lf: LightField, planes: NDArray[np.float64], samples: int = _SAMPLE
     height, width = lf.views.shape[2:4]
     spacing = max(int(np.sqrt(height * width / samples)), 1)
     grid = np.mgrid[spacing // 2 : height : spacing, spacing // 2 : width : spacing].reshape(2, -1)
-    present = np.ones(lf.shape[:2], np.bool_) if lf.present is None else lf.present
-    least = np.full(grid.shape[1], np.inf, np.float32)
-    residual_kernel(lf.views, present, grid[0], grid[1], planes[::2], least)
+    used = engine or single()
+    least = used.residuals(used.views(lf), grid[0], grid[1], np.ascontiguousarray(planes[::2]))
     seen = least[np.isfinite(least)]
     if seen.size == 0:
         return Residual(0.0, 0.0)

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from lfdepth.blocks.reparam import reparameterise
 from lfdepth.blocks.voting import Mask
+from lfdepth.engines import single
+from lfdepth.engines.base import Array, Engine
 from lfdepth.errors import LightFieldError
 
 
@@ -48,17 +50,6 @@ def mask_4d(
     return reparameterise(np.broadcast_to(mask, (*views, *mask.shape)), wanted_at - found_at)
 
 
-class NoOcclusion:
-    """All views vote (FBS, FBS-SFA)."""
-
-    def mask(self, index: int) -> Mask | None:
-        """No mask at any plane."""
-        return None
-
-    def update(self, index: int, smoothed: NDArray[np.float32]) -> None:
-        """Nothing to remember."""
-
-
 class SkipMask:
     """The paper's rule: plane k is voted on with the foreground of plane k − J (algorithm 1).
 
@@ -71,6 +62,8 @@ class SkipMask:
         The paper's J, at least 1.
     step
         Distance between planes in px per view step.
+    engine
+        Engine; by default the processor's, on one thread.
 
     Raises
     ------
@@ -78,18 +71,19 @@ class SkipMask:
         If `skip` is below 1.
     """
 
-    def __init__(self, skip: int, step: float) -> None:
+    def __init__(self, skip: int, step: float, *, engine: Engine | None = None) -> None:
         if skip < 1:
             raise LightFieldError(f"skip: found J = {skip}, expected at least 1 plane")
-        self._recent: deque[NDArray[np.bool_]] = deque(maxlen=skip)
+        self._engine = engine or single()
+        self._recent: deque[Array] = deque(maxlen=skip)
         self._offset = -skip * step
 
-    def mask(self, index: int) -> Mask | None:
-        """Foreground of plane `index − J`; None for the first plane of each chain."""
+    def mask(self) -> Mask | None:
+        """Foreground found J planes before the next one; None for the first plane of each chain."""
         if len(self._recent) < (self._recent.maxlen or 0):
             return None
         return Mask(self._recent[0], self._offset)
 
-    def update(self, index: int, smoothed: NDArray[np.float32]) -> None:
-        """Remember the foreground of plane `index` (eq. 7)."""
-        self._recent.append(smoothed > 0)
+    def update(self, smoothed: Array) -> None:
+        """Remember the foreground of a plane (eq. 7)."""
+        self._recent.append(self._engine.foreground(smoothed))

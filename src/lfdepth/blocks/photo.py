@@ -13,18 +13,15 @@ either form.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.blocks.reparam import Shifts, round_width
-from lfdepth.blocks.visibility import NearestSurfaces
-from lfdepth.engines.cpu.photo import UNIT, WHITE, photo_kernel
-from lfdepth.engines.cpu.workers import Workers
+from lfdepth.engines import single
+from lfdepth.engines.base import Engine
 from lfdepth.errors import LightFieldError
-from lfdepth.lightfield import FULL_SCALE, LightField
+from lfdepth.lightfield import FULL_SCALE, LightField, reference_index
 
 FEWEST_VIEWS = 25
 """Views that thinning leaves."""
@@ -33,68 +30,20 @@ LARGEST_THRESHOLD = 0.5
 """Of full scale. A bound on the sum over three channels then fits 16 bits."""
 
 
-@dataclass(frozen=True, eq=False)
-class ColourStack:
-    """Views of all channels, padded by repeating the border so that kernels need no clamping in x.
-
-    `data` is flat, laid out (V, U, H, C, row_length), so that views that do not vote cost nothing: uint8
-    levels of 8-bit views, or uint16 from 0 to `WHITE` for all others. A row starts `margin` columns before
-    the image. Neighbours in the grid are `stride` view steps apart, down and across.
-    """
-
-    data: NDArray[np.uint8] | NDArray[np.uint16]
-    grid: tuple[int, int]
-    size: tuple[int, int]
-    channels: int
-    margin: int
-    row_length: int
-    present: NDArray[np.bool_]
-    stride: tuple[int, int] = (1, 1)
-
-
 def thinned(present: NDArray[np.bool_], *, sparse: bool) -> NDArray[np.bool_]:
     """Views (V, U) enough to count photo-consistency: neighbouring views say much the same.
 
     Half of them, as the white squares of a chessboard whose reference view is white; with `sparse`, every
     other row and column of them. No fewer than `FEWEST_VIEWS` remain, or else the denser choice is made.
     """
-    v, u = (abs(np.arange(count) - count // 2) % 2 for count in present.shape)
+    middle = reference_index((present.shape[0], present.shape[1]))
+    v, u = (abs(np.arange(count) - at) % 2 for count, at in zip(present.shape, middle, strict=True))
     chessboard = np.asarray(present & (v[:, None] == u))
     lattice = np.asarray(present & (v[:, None] == 0) & (u == 0))
     for choice in (lattice, chessboard) if sparse else (chessboard,):
         if np.count_nonzero(choice) >= FEWEST_VIEWS:
             return choice
     return present
-
-
-def prepare_colours(lf: LightField, max_disparity: float) -> ColourStack:
-    """Prepare the views of a light field for planes up to |D| = `max_disparity` px per view step."""
-    rows, columns, height, width, channels = lf.shape
-    margin = int(np.ceil((columns // 2) * abs(max_disparity))) + 2
-    row_length = round_width(width) + 2 * margin
-    kind = np.uint8 if lf.views.dtype == np.uint8 else np.uint16
-    data: NDArray[Any] = np.empty((rows, columns, height, channels, row_length), kind)
-    for v, u in np.ndindex(rows, columns):
-        padded = data[v, u]
-        padded[..., margin : margin + width] = np.moveaxis(_levels(lf.views[v, u]), 2, 1)
-        padded[..., :margin] = padded[..., margin, None]
-        padded[..., margin + width :] = padded[..., margin + width - 1, None]
-    return ColourStack(
-        data=data.reshape(-1),
-        grid=(rows, columns),
-        size=(height, width),
-        channels=channels,
-        margin=margin,
-        row_length=row_length,
-        present=np.ones((rows, columns), np.bool_) if lf.present is None else lf.present,
-    )
-
-
-def _levels(view: NDArray[Any]) -> NDArray[Any]:
-    if view.dtype == np.uint8:
-        return view
-    levels = np.rint(view * (WHITE / FULL_SCALE[view.dtype.name]))
-    return np.asarray(levels, np.uint16)
 
 
 def local_thresholds(
@@ -150,7 +99,7 @@ def photo_consistency(
     disparity: float,
     *,
     thresholds: NDArray[Any] | None = None,
-    threads: int | None = 1,
+    engine: Engine | None = None,
 ) -> NDArray[np.float32]:
     """Share of the views that show the reference view's colour at one plane.
 
@@ -165,8 +114,8 @@ def photo_consistency(
         Plane in px per view step.
     thresholds
         (H, W) fractions of full scale, in (0, 0.5]; default `local_thresholds` of the reference view.
-    threads
-        Number of threads; None takes every processor.
+    engine
+        Engine; by default the processor's, on one thread.
 
     Returns
     -------
@@ -192,78 +141,8 @@ def photo_consistency(
             f"thresholds: found values from {lowest:g} to {highest:g}, "
             f"expected fractions of full scale in (0, {LARGEST_THRESHOLD}]; clip them"
         )
-    stack = prepare_colours(lf, disparity)
-    out = np.empty(stack.size, np.float32)
-    with Workers(threads) as workers:
-        photo_plane(stack, disparity, thresholds.astype(np.float32), workers, out)
-    return out
-
-
-def photo_plane(
-    stack: ColourStack,
-    disparity: float,
-    thresholds: NDArray[np.float32],
-    workers: Workers,
-    out: NDArray[np.float32],
-    nearest: NearestSurfaces | None = None,
-    *,
-    rows: tuple[int, int] | None = None,
-) -> None:
-    """Share of the views that count at one plane, into `out` (H, W); with `nearest`, of those that see it.
-
-    `thresholds` (H, W) lie in (0, 0.5], |disparity| within what the stack was prepared for. With `rows`, only
-    rows [first, last) are written. This is what an engine for other hardware replaces.
-    """
-    first, last = (0, stack.size[0]) if rows is None else rows
-    arguments = photo_arguments(stack, disparity, thresholds, nearest)
-    workers.rows(last, photo_kernel, out, *arguments, first=first)
-
-
-def photo_arguments(
-    stack: ColourStack,
-    disparity: float,
-    thresholds: NDArray[np.float32],
-    nearest: NearestSurfaces | None = None,
-) -> tuple[Any, ...]:
-    """Arguments of `photo_kernel` after its output.
-
-    Sums of differences are whole numbers, so `sum / (C·WHITE) < threshold` is
-    `sum < ceil(threshold·C·WHITE)`; the product is exact in double precision.
-    """
-    plane = _shifts(stack.grid, disparity, stack.stride)
-    return (
-        thresholds,
-        stack.data,
-        (*stack.grid, stack.size[0], stack.channels, stack.row_length, stack.margin),
-        plane.down,
-        plane.across,
-        plane.weights.astype(np.int16),
-        stack.present,
-        _placed_visibility(stack, disparity, nearest),
-        nearest is not None,
-    )
-
-
-def _placed_visibility(
-    stack: ColourStack, disparity: float, nearest: NearestSurfaces | None
-) -> tuple[Any, ...]:
-    """The kernel's arguments that say where a plane samples the nearest surfaces: at the nearest pixel."""
-    if nearest is None:
-        none = np.empty(0, np.int16)
-        return none, none, np.empty(0, np.int64), np.empty(0, np.int64), none.reshape(0, 0), 0
-    down, across = (
-        np.floor(-(np.arange(count) - count // 2) * disparity + 0.5).astype(np.int64) for count in stack.grid
-    )
-    return (nearest.data, nearest.rows, down, across, *nearest.in_front(disparity))
-
-
-def _shifts(grid: tuple[int, int], disparity: float, stride: tuple[int, int]) -> Shifts:
-    """As `reparam.shifts`, in parts of this module's finer `UNIT`, for every `stride`-th view."""
-    down, across = (
-        np.rint(-(np.arange(count) - count // 2) * steps * disparity * UNIT).astype(np.int64)
-        for count, steps in zip(grid, stride, strict=True)
-    )
-    qy, qx = down[:, None] % UNIT, across % UNIT
-    both = (qy * qx + UNIT // 2) // UNIT
-    weights = np.stack([UNIT - qx - qy + both, qx - both, qy - both, both], axis=-1)
-    return Shifts(down // UNIT, across // UNIT, weights)
+    used = engine or single()
+    views = used.colour_views(lf, disparity)
+    out = used.empty(views.size, np.float32)
+    used.photo(views, disparity, used.upload(thresholds.astype(np.float32)), out)
+    return np.asarray(used.download(out), np.float32)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfdepth.errors import LightFieldError
+from lfdepth.lightfield import check_range
 
 MAX_PLANES = 2000
 """More planes than this are almost always a mistyped step; `force=True` allows them."""
@@ -68,16 +69,3 @@ def disparity_planes(
             f"{MAX_PLANES}; choose a larger step, or use --force (force=True in Python)"
         )
     return high - step * np.arange(max(number, 2), dtype=np.float64)
-
-
-def check_range(disparity_range: tuple[float, float]) -> tuple[float, float]:
-    """Return the range as two finite, ordered floats, or raise LightFieldError."""
-    low, high = (float(end) for end in disparity_range)
-    if not (math.isfinite(low) and math.isfinite(high)):
-        raise LightFieldError(f"range: found [{low}, {high}], expected finite numbers in px per view step")
-    if low >= high:
-        raise LightFieldError(
-            f"range: found [{low:g}, {high:g}], expected MIN below MAX (positive is nearer); "
-            "swap or widen the ends"
-        )
-    return low, high

@@ -9,18 +9,18 @@ from plane to plane, so they are computed once per light field. Windows are cut 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.engines.cpu.smoothing import smooth_kernel
-from lfdepth.engines.cpu.workers import Workers
+from lfdepth.engines import single
+from lfdepth.engines.base import Array, Engine
+from lfdepth.engines.layout import GREY_WHITE, grey_levels
 from lfdepth.errors import LightFieldError
+from lfdepth.lightfield import LightField
 
 
-@dataclass(frozen=True, eq=False)
 class GuidedFilter:
     """A guided filter with its guide's statistics.
 
@@ -32,6 +32,8 @@ class GuidedFilter:
         Window radius in px: windows are (2·radius + 1)² pixels; at least 1.
     epsilon
         Regularisation, in the guide's squared units (ε); larger smooths across weaker edges.
+    engine
+        Engine; by default the processor's, on one thread.
 
     Raises
     ------
@@ -40,60 +42,27 @@ class GuidedFilter:
         another shape.
     """
 
-    guide: NDArray[np.float32]
-    radius: int = 4
-    epsilon: float = 1e-4
-    _prepared: tuple[Any, ...] = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        if self.guide.ndim != 3 or self.guide.shape[2] not in (1, 3):
+    def __init__(
+        self,
+        guide: NDArray[Any],
+        radius: int = 4,
+        epsilon: float = 1e-4,
+        *,
+        engine: Engine | None = None,
+    ) -> None:
+        if guide.ndim != 3 or guide.shape[2] not in (1, 3):
             raise LightFieldError(
-                f"guide: found shape {self.guide.shape}, expected (H, W, 1) or (H, W, 3); "
-                "add the channel axis"
+                f"guide: found shape {guide.shape}, expected (H, W, 1) or (H, W, 3); add the channel axis"
             )
-        height, width, channels = self.guide.shape
-        if self.radius < 1:
-            raise LightFieldError(f"radius: found {self.radius}, expected at least 1 px")
-        if 2 * self.radius + 1 > min(height, width):
-            raise LightFieldError(
-                f"radius: found windows of {2 * self.radius + 1} px for images of {width}×{height} px, "
-                "expected windows no larger than the image; use larger images or a smaller --radius"
-            )
-        if not self.epsilon > 0:
-            raise LightFieldError(f"epsilon: found {self.epsilon}, expected a positive number such as 1e-4")
-        planes = np.moveaxis(self.guide.astype(np.float32), 2, 0)
-        mean = np.stack([box_mean(plane, self.radius) for plane in planes])
-        stats = np.concatenate([mean, self._inverse_covariance(planes, mean)])
-        first, last = _window_ends(width, self.radius)
-        rows = (_row_by_row(planes), _row_by_row(stats), (1 / (last - first)).astype(np.float32))
-        object.__setattr__(self, "_prepared", (*rows, (height, width, channels), self.radius))
+        check_window(radius, (guide.shape[0], guide.shape[1]))
+        if not epsilon > 0:
+            raise LightFieldError(f"epsilon: found {epsilon}, expected a positive number such as 1e-4")
+        self.guide = np.ascontiguousarray(guide, np.float32)
+        self.radius, self.epsilon = radius, epsilon
+        self._engine = engine or single()
+        self._prepared = self._engine.guided_filter(self.guide, radius, epsilon)
 
-    def _inverse_covariance(
-        self, channels: NDArray[np.float32], mean: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Upper triangle of (Σ + ε·1)⁻¹ per pixel: (1, H, W) for grey, (6, H, W) for colour."""
-        count = channels.shape[0]
-        upper = [(i, j) for i in range(count) for j in range(i, count)]
-        cov = {
-            (i, j): box_mean(channels[i].astype(np.float64) * channels[j], self.radius) - mean[i] * mean[j]
-            for i, j in upper
-        }
-        for i in range(count):
-            cov[i, i] += self.epsilon
-        if count == 1:
-            return np.asarray(1.0 / cov[0, 0])[None]
-        minors = {
-            (0, 0): cov[1, 1] * cov[2, 2] - cov[1, 2] ** 2,
-            (0, 1): cov[0, 2] * cov[1, 2] - cov[0, 1] * cov[2, 2],
-            (0, 2): cov[0, 1] * cov[1, 2] - cov[0, 2] * cov[1, 1],
-            (1, 1): cov[0, 0] * cov[2, 2] - cov[0, 2] ** 2,
-            (1, 2): cov[0, 1] * cov[0, 2] - cov[0, 0] * cov[1, 2],
-            (2, 2): cov[0, 0] * cov[1, 1] - cov[0, 1] ** 2,
-        }
-        determinant = cov[0, 0] * minors[0, 0] + cov[0, 1] * minors[0, 1] + cov[0, 2] * minors[0, 2]
-        return np.stack([minors[pair] / determinant for pair in upper])
-
-    def __call__(self, image: NDArray[Any], *, threads: int | None = 1) -> NDArray[np.float32]:
+    def __call__(self, image: NDArray[Any]) -> NDArray[np.float32]:
         """Smooth an (H, W) image; returns (H, W) float32.
 
         Raises
@@ -105,55 +74,32 @@ class GuidedFilter:
             raise LightFieldError(
                 f"image: found shape {image.shape}, expected {self.guide.shape[:2]} like the guide; resize it"
             )
-        out = np.empty(image.shape, np.float32)
-        with Workers(threads) as workers:
-            self.smooth_plane(np.ascontiguousarray(image, np.float32), workers, out)
-        return out
+        out = self._engine.empty(image.shape, np.float32)
+        self.smooth(self._engine.upload(np.asarray(image, np.float32)), out)
+        return np.asarray(self._engine.download(out), np.float32)
 
-    def smooth_plane(self, image: NDArray[np.float32], workers: Workers, out: NDArray[np.float32]) -> None:
-        """Smooth `image` into `out`; what an engine for other hardware replaces."""
-        self._smooth(image, image, False, workers, out)
+    def smooth(self, image: Array, out: Array) -> None:
+        """Smooth a slice into `out`, both the engine's."""
+        self._engine.smooth(self._prepared, image, out)
 
-    def smooth_quotient(
-        self,
-        numerator: NDArray[np.float32],
-        denominator: NDArray[np.float32],
-        workers: Workers,
-        out: NDArray[np.float32],
-    ) -> None:
+    def smooth_quotient(self, numerator: Array, denominator: Array, out: Array) -> None:
         """Normalised smoothing: smoothed numerator over smoothed denominator, within [−1, 1], into `out`."""
-        self._smooth(numerator, denominator, True, workers, out)
-
-    def _smooth(
-        self,
-        numerator: NDArray[np.float32],
-        denominator: NDArray[np.float32],
-        divide: bool,
-        workers: Workers,
-        out: NDArray[np.float32],
-    ) -> None:
-        images = numerator.reshape(-1), denominator.reshape(-1)
-        workers.rows(out.shape[0], smooth_kernel, out, *images, divide, *self._prepared)
+        self._engine.smooth_quotient(self._prepared, numerator, denominator, out)
 
 
-def _window_ends(length: int, radius: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First place, and the one after the last, of every place's window, cut at the ends."""
-    index = np.arange(length)
-    return np.maximum(index - radius, 0), np.minimum(index + radius + 1, length)
+def check_window(radius: int, size: tuple[int, int]) -> None:
+    """Raise LightFieldError unless windows of this radius, at least 1, fit an image of this size (H, W)."""
+    if radius < 1:
+        raise LightFieldError(f"radius: found {radius}, expected at least 1 px")
+    if 2 * radius + 1 > min(size):
+        raise LightFieldError(
+            f"radius: found windows of {2 * radius + 1} px for images of {size[1]}×{size[0]} px, "
+            "expected windows no larger than the image; use larger images or a smaller --radius"
+        )
 
 
-def _row_by_row(channels: NDArray[Any]) -> NDArray[np.float32]:
-    """Channels (C, H, W) as one array that holds the channels of a row side by side."""
-    return np.ascontiguousarray(np.moveaxis(channels, 0, 1), np.float32).reshape(-1)
-
-
-def box_mean(image: NDArray[Any], radius: int) -> NDArray[np.float64]:
-    """Mean over (2·radius + 1)² windows cut at the border; (H, W) float64."""
-    mean = np.asarray(image, np.float64)
-    for axis in (0, 1):
-        length = mean.shape[axis]
-        total = np.concatenate([np.zeros_like(mean.take([0], axis)), np.cumsum(mean, axis)], axis)
-        first, last = _window_ends(length, radius)
-        count = (last - first).reshape((-1, 1) if axis == 0 else (1, -1))
-        mean = (total.take(last, axis) - total.take(first, axis)) / count
-    return mean
+def guide_image(lf: LightField, guide: str) -> NDArray[np.float32]:
+    """The reference view in [0, 1] as a filter guide: (H, W, 3) for "colour" if any, or (H, W, 1)."""
+    if guide == "colour":
+        return np.asarray(lf.reference.astype(np.float32) / np.float32(lf.full_scale), np.float32)
+    return (grey_levels(lf.reference).astype(np.float32) / np.float32(GREY_WHITE))[..., None]

@@ -14,8 +14,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.engines.cpu.surface import even_kernel, fit_kernel, minima_kernel
-from lfdepth.engines.cpu.workers import Workers
+from lfdepth.engines import single
+from lfdepth.engines.base import Array, Engine
 
 SPACING = 2
 """Every other pixel of every other row takes part in a fit."""
@@ -28,11 +28,12 @@ _SHARPNESS = 10.0  # weights fall as exp(−_SHARPNESS · Σ_channels |ΔI|), I 
 
 def fit_surfaces(
     position: NDArray[np.float32],
-    energy: tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.float32]],
+    energy: tuple[Array, Array, NDArray[np.float32]],
     guide: NDArray[np.float32],
     step: float,
     radius: int,
-    workers: Workers,
+    *,
+    engine: Engine | None = None,
 ) -> NDArray[np.float32]:
     """Place disparities between planes.
 
@@ -41,38 +42,29 @@ def fit_surfaces(
     position
         (H, W) places of the paths' minima, in planes from the first.
     energy
-        Sign energies (K, H, W), photo-consistency (K, H, W) in 1/255, and its weight (H, W).
+        Sign energies (K, H, W), photo-consistency (K, H, W) in 1/255, both the engine's, and its weight (H,
+        W).
     guide
         (H, W, C) reference view in [0, 1].
     step
         Distance of planes, px per view step.
     radius
         Radius of the fits in px, a multiple of `SPACING`.
-    workers
-        Threads.
+    engine
+        Engine; by default the processor's, on one thread.
 
     Returns
     -------
     (H, W) places in planes from the first.
     """
-    target, strength, fitted = (np.empty_like(position) for _ in "123")
-    height, prior = len(position), np.float32(_PRIOR * step**2)
-    gate, sharpness = np.float32(max(_GATE / step, 1.5)), np.float32(_SHARPNESS)
-    planar = np.ascontiguousarray(np.moveaxis(guide, 2, 0), np.float32).reshape(-1)
-    workers.rows(height, minima_kernel, *energy, position, prior, target, strength)
-    workers.rows(
-        height,
-        fit_kernel,
-        position.reshape(-1),
-        target.reshape(-1),
-        strength.reshape(-1),
-        planar,
-        guide.shape,
-        (radius, SPACING),
-        gate,
-        sharpness,
-        np.float32(_RIDGE * step**2 * SPACING**2),
-        fitted,
+    return (engine or single()).fit_planes(
+        position,
+        *energy,
+        guide,
+        radius=radius,
+        spacing=SPACING,
+        gate=max(_GATE / step, 1.5),
+        prior=_PRIOR * step**2,
+        ridge=_RIDGE * step**2 * SPACING**2,
+        sharpness=_SHARPNESS,
     )
-    workers.rows(height, even_kernel, fitted.reshape(-1), planar, guide.shape, gate, sharpness, target)
-    return target

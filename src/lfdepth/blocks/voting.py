@@ -6,21 +6,16 @@ surface lies in front of the plane, where it is negative behind. Only signs ente
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.blocks.reparam import FULL_SCALE, UNIT, Shifts, ViewStack, round_width, shifts, stack_views
-from lfdepth.engines.cpu.voting import sign_kernel, vote_kernel
-from lfdepth.engines.cpu.workers import Workers
+from lfdepth.engines import single
+from lfdepth.engines.base import Array, Delta, Engine, Gradient, GreyViews
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
-
-Delta = Literal["photo", "sign", "none"]
-Gradient = Literal["central", "sobel"]
 
 DELTAS: tuple[Delta, ...] = ("photo", "sign", "none")
 GRADIENTS: tuple[Gradient, ...] = ("central", "sobel")
@@ -77,12 +72,12 @@ class Mask:
         view step (−J·step in the paper's scheme, front to back).
     """
 
-    foreground: NDArray[np.bool_]
+    foreground: Array
     offset: float
 
 
 def disparity_signs(
-    lf: LightField, disparity: float, *, gradient: Gradient = "central"
+    lf: LightField, disparity: float, *, gradient: Gradient = "central", engine: Engine | None = None
 ) -> tuple[NDArray[np.int8], NDArray[np.int8]]:
     """Signs `S_xu` and `S_yv` of every view's pixels at one plane (eq. 2 and 3).
 
@@ -94,17 +89,16 @@ def disparity_signs(
         Plane in px per view step.
     gradient
         Spatial gradient operator, "central" or "sobel".
+    engine
+        Engine; by default the processor's, on one thread.
 
     Returns
     -------
     Two (V, U, H, W) int8 arrays: +1 nearer than the plane, −1 farther, 0 no evidence.
     """
-    stack = stack_views(lf, disparity)
-    shape = (*stack.grid, *stack.size)
-    signs_xu, signs_yv = np.zeros(shape, np.int8), np.zeros(shape, np.int8)
-    rule = VoteRule(delta="none", gradient=gradient)
-    sign_kernel(0, stack.size[0], signs_xu, signs_yv, *_sampling(stack, disparity), rule.gradient == "sobel")
-    return signs_xu, signs_yv
+    rule, used = VoteRule(delta="none", gradient=gradient), engine or single()
+    along_x, along_y = used.signs(used.grey_views(lf, disparity), disparity, gradient=rule.gradient)
+    return used.download(along_x), used.download(along_y)
 
 
 def vote(
@@ -113,7 +107,7 @@ def vote(
     *,
     rule: VoteRule | None = None,
     mask: Mask | None = None,
-    threads: int | None = 1,
+    engine: Engine | None = None,
 ) -> NDArray[np.float32]:
     """Vote of all views on one plane: a slice of the initial volume (eq. 4-6).
 
@@ -128,8 +122,8 @@ def vote(
     mask
         Foreground found at an earlier plane. Pixels inside are voted on by views that see foreground, the
         others by views that do not; None votes with all views.
-    threads
-        Number of threads.
+    engine
+        Engine; by default the processor's, on one thread.
 
     Returns
     -------
@@ -140,69 +134,48 @@ def vote(
     LightFieldError
         If the mask has another size than the views.
     """
-    stack = stack_views(lf, disparity)
-    votes, evidence = np.empty(stack.size, np.float32), np.empty(stack.size, np.float32)
-    with Workers(threads) as workers:
-        vote_plane(stack, disparity, rule or VoteRule(), mask, workers, votes, evidence)
-    return quotient(votes, evidence)
+    used = engine or single()
+    count = VoteCount(used, used.grey_views(lf, disparity), rule or VoteRule())
+    count.plane(disparity, mask)
+    return np.asarray(used.download(count.quotient()), np.float32)
 
 
-def quotient(votes: NDArray[np.float32], evidence: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Votes over evidence, 0 where there is none (the fractions of eq. 4 and 5)."""
-    return np.divide(votes, evidence, out=np.zeros_like(votes), where=evidence > 0)
+class VoteCount:
+    """Votes of one plane after the other, in slices that are used again.
 
+    Parameters
+    ----------
+    engine
+        Engine.
+    views
+        Grey views, prepared for all planes to come.
+    rule
+        Which votes count.
 
-def vote_plane(
-    stack: ViewStack,
-    disparity: float,
-    rule: VoteRule,
-    mask: Mask | None,
-    workers: Workers,
-    votes: NDArray[np.float32],
-    evidence: NDArray[np.float32],
-) -> None:
-    """Count one plane: sum of votes, and number of votes that count, as shares of all possible votes (H, W).
-
-    This is what an engine for other hardware replaces.
+    Attributes
+    ----------
+    votes, evidence
+        The engine's slices (H, W): sum of votes, and of votes that count, as shares of all possible votes.
     """
-    # Levels are whole numbers, so |difference| < τ is |difference| ≤ ceil(τ) − 1.
-    tolerance = (
-        math.ceil(rule.threshold * FULL_SCALE * UNIT) - 1 if rule.delta == "photo" else FULL_SCALE * UNIT
-    )
-    padded, reach, placing = _placed_mask(stack, mask)
-    options = (rule.gradient == "sobel", rule.delta == "sign", mask is not None)
-    workers.rows(
-        stack.size[0],
-        vote_kernel,
-        votes,
-        evidence,
-        padded,
-        reach,
-        (placing.down, placing.across, placing.weights.astype(np.int16)),
-        *_sampling(stack, disparity),
-        tolerance,
-        options,
-        np.int16(1),
-    )
 
+    def __init__(self, engine: Engine, views: GreyViews, rule: VoteRule) -> None:
+        self._engine, self._views, self._rule = engine, views, rule
+        self.votes: Any = engine.empty(views.size, np.float32)
+        self.evidence: Any = engine.empty(views.size, np.float32)
 
-def _sampling(stack: ViewStack, disparity: float) -> tuple[Any, ...]:
-    """The kernels' arguments that say how a plane samples the views."""
-    plane = shifts(stack.grid, disparity).limited(stack.size)
-    shape = (*stack.grid, *stack.size, stack.row_length, stack.margin)
-    return stack.data, shape, plane.down, plane.across, plane.weights.astype(np.int16), stack.present
-
-
-def _placed_mask(stack: ViewStack, mask: Mask | None) -> tuple[NDArray[np.int16], int, Shifts]:
-    """The mask, padded as far as the views sample it, the padding, and the sampling."""
-    if mask is None:
-        return np.empty(0, np.int16), 0, shifts(stack.grid, 0.0)
-    if mask.foreground.shape != stack.size:
-        raise LightFieldError(
-            f"mask: found shape {mask.foreground.shape}, expected {stack.size} like the views; "
-            "resize the mask"
+    def plane(self, disparity: float, mask: Mask | None = None) -> None:
+        """Count one plane."""
+        self._engine.vote(
+            self._views,
+            disparity,
+            self.votes,
+            self.evidence,
+            gradient=self._rule.gradient,
+            delta=self._rule.delta,
+            threshold=self._rule.threshold,
+            mask=None if mask is None else (mask.foreground, mask.offset),
         )
-    placing = shifts(stack.grid, mask.offset).limited(stack.size)
-    reach, width = placing.reach, stack.size[1]
-    border = ((reach, reach), (reach, reach + round_width(width) - width))
-    return np.pad(mask.foreground.astype(np.int16), border, "edge").reshape(-1), reach, placing
+
+    def quotient(self) -> Array:
+        """Votes over evidence, 0 where there is none (the fractions of eq. 4 and 5)."""
+        return self._engine.quotient(self.votes, self.evidence)

@@ -8,8 +8,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from io import TextIOWrapper
+from typing import TYPE_CHECKING
 
 from lfdepth.errors import LightFieldError
+
+if TYPE_CHECKING:
+    from cyclopts import CycloptsError
 
 __all__ = ["main"]
 
@@ -37,16 +41,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a symbol must not stop a result
     try:
-        from cyclopts import CycloptsError  # in here, so that Ctrl-C is Ctrl-C while it loads, too
+        from cyclopts import CycloptsError  # here, so that Ctrl-C is Ctrl-C while it loads, too
 
         from lfdepth.cli import commands, experiments  # noqa: F401  # these register themselves
         from lfdepth.cli.app import app
+        from lfdepth.cli.options import method_named_in
 
+        words = sys.argv[1:] if arguments is None else arguments
+        commands.add_estimate(method_named_in(words))
         try:
-            status = app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+            status = app(words, exit_on_error=False, print_error=False, result_action="return_value")
         except CycloptsError as error:
-            help_page = " ".join([PROGRAM, *(error.command_chain or ()), "--help"])
-            return _fail(f"{_one_line(error).rstrip('.')}; see {help_page}")
+            return _fail(_usage(error, method_named_in(words)))
         sys.stdout.flush()
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
@@ -68,6 +74,24 @@ def main(arguments: Sequence[str] | None = None) -> int:
             "one that can; set NUMBA_CACHE_DIR to a folder of yours"
         )
     return status or 0
+
+
+def _usage(error: CycloptsError, method: str) -> str:
+    """What was wrong with the words of a command line, and where the right ones are listed."""
+    from cyclopts import UnknownOptionError
+
+    from lfdepth import methods
+
+    command = " ".join([PROGRAM, *(error.command_chain or ())])
+    estimating = list(error.command_chain or ()) == ["estimate"]
+    if estimating and isinstance(error, UnknownOptionError):
+        option = error.token.keyword or error.token.value
+        known = [each.option for each in methods.parameters_of(methods.method_class(method)).values()]
+        return (
+            f"{option}: neither {command} nor method {method} has it; expected one of the method's "
+            f"{', '.join(known)}, or another of the command's; see {command} --method {method} --help"
+        )
+    return f"{_one_line(error).rstrip('.')}; see {command} --help"
 
 
 def _fail(message: str) -> int:

@@ -3,28 +3,26 @@
 from __future__ import annotations
 
 import sys
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from lfdepth import methods
 from lfdepth.cli.app import app
 from lfdepth.cli.options import (
     AS_IT_IS,
     DEFAULT_METHOD,
     ESTIMATED,
-    UNCHANGED,
     Flag,
     Json,
     MapSource,
     MapSources,
-    MethodParameters,
     Output,
     Range,
     Reading,
     ReadingParameters,
     check_picture,
     given,
+    method_parameters,
 )
 from lfdepth.cli.printing import (
     conversion_facts,
@@ -33,6 +31,7 @@ from lfdepth.cli.printing import (
     estimate_text,
     mask_facts,
     mask_text,
+    methods_facts,
     methods_text,
     refocus_facts,
     refocus_text,
@@ -52,7 +51,6 @@ DEMO_FOLDER = Path("lfdepth-demo")
 Quantity = Literal["disparity", "depth"]
 
 
-@app.command(sort_key=1)
 def estimate(
     scene: Path,
     /,
@@ -64,10 +62,11 @@ def estimate(
     preview: Path | None = None,
     quantity: Quantity = "disparity",
     mesh: Flag = False,
+    engine: str = "cpu",
     threads: int | None = None,
     force: Flag = False,
     as_json: Json = False,
-    options: MethodParameters = UNCHANGED,
+    options: Any = None,
     reading: ReadingParameters = AS_IT_IS,
 ) -> None:
     """Estimate the disparity map of a light field's reference view.
@@ -98,10 +97,12 @@ def estimate(
         What the map holds: disparity, or depth in metres, for which the camera has to be known.
     mesh
         .ply only: connect the points by triangles, cut at occlusion boundaries.
+    engine
+        What computes; "lfdepth methods" lists the engines.
     threads
         Number of threads; every processor by default.
     force
-        Allow an extreme number of planes.
+        Allow an extreme number of planes, and more memory than seems to be free.
     """
     import lfdepth
     from lfdepth.cli.progress import Progress
@@ -116,7 +117,9 @@ def estimate(
     if range is None:
         reading.require_order(lf)
     with Progress() as progress:
-        result = lfdepth.estimate(lf, chosen, range=range, threads=threads, progress=progress, force=force)
+        result = lfdepth.estimate(
+            lf, chosen, range=range, threads=threads, progress=progress.step, force=force, engine=engine
+        )
     lfdepth.write(output, result, scene=lf, quantity=quantity, mesh=mesh)
     if preview is not None:
         from lfdepth.pictures import preview as write_preview
@@ -124,6 +127,17 @@ def estimate(
         write_preview(result.disparity, preview)
     written = [str(path) for path in (output, preview) if path is not None]
     report(estimate_facts(lf, result, progress, written), as_json, estimate_text)
+
+
+def add_estimate(method: str) -> None:
+    """Register `estimate` with the options of one method: which one, the command line itself says."""
+    kind, unchanged = method_parameters(method)
+    estimate.__annotations__["options"] = kind
+    assert estimate.__kwdefaults__ is not None
+    estimate.__kwdefaults__["options"] = unchanged
+    if "estimate" in app:  # as an earlier command line in this process left it
+        del app["estimate"]
+    app.command(estimate, sort_key=1)
 
 
 @app.command(sort_key=2)
@@ -177,8 +191,7 @@ def evaluate(
 @app.command(name="methods", sort_key=3)
 def list_methods(*, as_json: Json = False) -> None:
     """List the methods and their parameters."""
-    known = [asdict(methods.method(name)) for name in methods.NAMES]
-    report({"methods": known, "presets": methods.PRESETS}, as_json, methods_text)
+    report(methods_facts(), as_json, methods_text)
 
 
 @app.command(sort_key=4)
@@ -388,7 +401,7 @@ def demo(*, output: Output = DEMO_FOLDER, size: int = SIZE, as_json: Json = Fals
     from lfdepth.cli.progress import Progress
 
     with Progress() as progress:
-        shown = run_demo(output, size=size, announce=progress.announce, progress=progress)
+        shown = run_demo(output, size=size, announce=progress.announce, progress=progress.step)
     report(shown.as_dict(), as_json, lambda _: f"{shown.table()}\n\nwritten  {shown.picture}")
 
 

@@ -73,7 +73,7 @@ def bench(
     from lfdepth.cli.progress import Progress
 
     planned = read_plan(plan) if plan else Plan((), ())
-    named = methods or (() if plan else known_methods.NAMES)
+    named = methods or (() if plan else known_methods.names())
     tried = cross(map(setting, named), [parameters(each) for each in settings] or [{}])
     with Progress() as progress:
         result = run_bench(

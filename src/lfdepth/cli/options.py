@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, make_dataclass
+from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import Group, Parameter, Token
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from lfdepth.lightfield import LightField
     from lfdepth.probe.order import Orientation
 
-DEFAULT_METHOD = "fbs-vis"
+DEFAULT_METHOD = methods.DEFAULT
 
 Flag = Annotated[bool, Parameter(negative=(), show_default=False)]
 Json = Annotated[
@@ -38,49 +38,56 @@ Range = Annotated[tuple[float, float] | None, Parameter(metavar="MIN MAX")]
 
 # --- parameters of the methods
 
-_STRUCTURE = frozenset({"name", "summary", "occlusion", "decoder"})
-"""Fields that make a method what it is: chosen by its name, not by options."""
 
-
-def _method_options() -> Any:
-    """Dataclass with an option for each parameter of a `Method`; None leaves it as the method has it."""
-    types = get_type_hints(methods.Method)
-    names = [parameter.name for parameter in fields(methods.Method) if parameter.name not in _STRUCTURE]
-    return make_dataclass(
+def method_parameters(name: str) -> tuple[Any, Any]:
+    """Type and default of an argument with the options of a method; None leaves one as the method has it."""
+    known = methods.parameters_of(methods.method_class(name)).values()
+    options = make_dataclass(
         "MethodOptions",
-        [
-            (
-                name,
-                Annotated[types[name] | None, Parameter(show_default=_default_of(name))],
-                field(default=None),
-            )
-            for name in names
-        ],
-        namespace={"__module__": __name__, "__doc__": methods.Method.__doc__},
+        [(each.name, Annotated[_type_of(each) | None, _shown(each)], field(default=None)) for each in known],
+        namespace={"__module__": __name__},
         kw_only=True,
         frozen=True,
     )
+    group = Group(
+        f"Parameters of {name}",
+        help="Those of another method: lfdepth estimate --method NAME --help.",
+        sort_key=2,
+    )
+    return Annotated[options, Parameter(name="*", group=group)], options()
 
 
-def _default_of(parameter: str) -> Any:
-    """What the help calls the default: that of the default method, and whether others differ."""
-    value = getattr(methods.method(DEFAULT_METHOD), parameter)
-    if value is None:
-        return False
-    shown = f"{value:g}" if isinstance(value, float) else str(value)
-    shared = all(getattr(methods.method(name), parameter) == value for name in methods.NAMES)
-    return lambda _: shown if shared else f"{shown} for {DEFAULT_METHOD}"
+def _type_of(parameter: methods.Parameter) -> Any:
+    return Literal[parameter.choices] if parameter.choices else parameter.kind
 
 
-if TYPE_CHECKING:
-    MethodOptions = Any
-else:
-    MethodOptions = _method_options()
+def _shown(parameter: methods.Parameter) -> Parameter:
+    """What the help says of a parameter."""
+    symbol = f" ({parameter.spec.symbol})" if parameter.spec.symbol else ""
+    values = (
+        "" if isinstance(parameter.spec, methods.Switch | methods.Word) else f" {_capital(parameter.range)}."
+    )
+    default = parameter.default
+    shown = f"{default:g}" if isinstance(default, float) else {True: "yes", False: "no"}.get(default, default)
+    numeric = parameter.kind in (int, float)
+    return Parameter(
+        help=f"{parameter.spec.text.rstrip('.')}{symbol}.{values}",
+        show_default=False if default is None else (lambda _: str(shown)),
+        converter=(lambda _, tokens: parameter.parse(tokens[0].value)) if numeric else None,
+    )
 
-MethodParameters = Annotated[
-    MethodOptions, Parameter(name="*", group=Group("Parameters of the method", sort_key=2))
-]
-UNCHANGED = MethodOptions()
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def method_named_in(arguments: Sequence[str]) -> str:
+    """The method that a command line names, or the default one where it names none that there is."""
+    for word, following in zip(arguments, [*arguments[1:], ""], strict=True):
+        found = following if word == "--method" else word.removeprefix("--method=") if "=" in word else ""
+        if found in methods.names():
+            return found
+    return DEFAULT_METHOD
 
 
 def given(options: Any) -> dict[str, Any]:
@@ -238,7 +245,7 @@ class MapSource:
         with Progress() as progress:
             method = self.method or DEFAULT_METHOD
             return lfdepth.estimate(
-                lf, method, range=self.range, threads=threads, progress=progress
+                lf, method, range=self.range, threads=threads, progress=progress.step
             ).disparity
 
 

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lfdepth.cli.progress import Progress
-    from lfdepth.estimation import Result
     from lfdepth.lightfield import LightField
     from lfdepth.probe.order import Orientation
+    from lfdepth.result import Result
 
 Facts = dict[str, Any]
 
@@ -43,19 +43,17 @@ def _finite(facts: Any) -> Any:
 
 def estimate_facts(lf: LightField, result: Result, progress: Progress, written: Sequence[str]) -> Facts:
     """What an estimate did."""
-    from lfdepth.blocks.planes import disparity_planes
-
-    method = result.method
-    planes = len(disparity_planes(result.range, step=method.step, count=method.planes, force=True))
     return {
         "scene": lf.name,
         "shape": list(lf.shape),
-        "method": asdict(method),
+        "method": {"name": result.method.name, **result.method.parameters()},
+        "engine": result.engine,
+        "version": result.version,
         "range": list(result.range),
         "range_found": result.range_found,
-        "planes": planes,
+        "planes": result.planes,
         "runtime_s": result.runtime,
-        "ms_per_plane": 1000 * result.runtime / planes,
+        "ms_per_plane": 1000 * result.runtime / max(result.planes, 1),
         "compiled": progress.compiled,
         "written": list(written),
     }
@@ -79,14 +77,35 @@ def estimate_text(facts: Facts) -> str:
 # --- methods
 
 
+def methods_facts() -> Facts:
+    """Methods with their parameters, presets, engines."""
+    from lfdepth import engines, methods
+
+    known = [methods.method_class(name) for name in methods.names()]
+    return {
+        "methods": [
+            {
+                "name": each.info.name,
+                "summary": each.info.summary,
+                "reference": each.info.reference,
+                "parameters": [parameter.as_dict() for parameter in methods.parameters_of(each).values()],
+            }
+            for each in known
+        ],
+        "presets": methods.PRESETS,
+        "engines": [{"name": name, "summary": engines.SUMMARIES[name]} for name in engines.NAMES],
+    }
+
+
 def methods_text(facts: Facts) -> str:
-    """Methods and presets with their parameters."""
+    """Methods, presets and engines in words."""
     lines = []
     for method in facts["methods"]:
-        parameters = {key: value for key, value in method.items() if key not in ("name", "summary")}
-        lines += [f"{method['name']}: {method['summary']}", f"    {_parameters_text(parameters)}"]
-    lines.append("")
+        defaults = {each["option"]: each["default"] for each in method["parameters"]}
+        lines += [f"{method['name']}: {method['summary']}", f"    {_parameters_text(defaults)}"]
+    lines += ["", "What each parameter means: lfdepth estimate --method NAME --help", ""]
     lines += [f"--preset {name}: {_parameters_text(preset)}" for name, preset in facts["presets"].items()]
+    lines += [f"--engine {each['name']}: {each['summary']}" for each in facts["engines"]]
     return "\n".join(lines)
 
 

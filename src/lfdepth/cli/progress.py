@@ -10,7 +10,7 @@ from lfdepth.engines.cpu.compilation import on_compilation
 
 
 class Progress:
-    """A bar over planes on a terminal, and a word when kernels are compiled.
+    """A bar over steps on a terminal, and a word when kernels are compiled.
 
     Attributes
     ----------
@@ -31,18 +31,8 @@ class Progress:
         self._listening.close()
         self._close_bar()
 
-    def __call__(self, done: int, total: int) -> None:
-        """Show the planes done of those in all."""
-        from tqdm import tqdm
-
-        if self._bar is None:
-            self._bar = tqdm(total=total, unit="plane", leave=False, disable=None)
-        self._bar.update()
-        if done == total:
-            self._close_bar()
-
     def step(self, done: int, total: int, what: str) -> None:
-        """Show the steps of a longer work that are done, of those in all, and what comes next."""
+        """Show the steps that are done, of those in all, and what is being done."""
         from tqdm import tqdm
 
         if self._bar is None:
@@ -50,6 +40,8 @@ class Progress:
         self._bar.set_description_str(what, refresh=False)
         self._bar.update(done - self._bar.n)
         self._bar.refresh()
+        if done == total:
+            self._close_bar()
 
     def announce(self, words: str) -> None:
         """Say what comes next, for people who watch."""

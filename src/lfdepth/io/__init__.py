@@ -31,7 +31,7 @@ from lfdepth.io.writing import check_light_field_writable, write_light_field
 from lfdepth.lightfield import LightField
 
 if TYPE_CHECKING:
-    from lfdepth.estimation import Result
+    from lfdepth.result import Result
 
 __all__ = [
     "FORMATS",

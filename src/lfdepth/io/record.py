@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from lfdepth.errors import LightFieldError
 
 if TYPE_CHECKING:
     from lfdepth.camera import Camera
-    from lfdepth.estimation import Result
+    from lfdepth.result import Result
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +62,7 @@ def as_record(result: Result | Record | npt.NDArray[Any]) -> Record:
         confidence=checked_map(result.confidence, "confidence"),
         range=result.range,
         runtime=result.runtime,
-        parameters=json.dumps(asdict(result.method), default=str),
+        parameters=json.dumps({"name": result.method.name, **result.method.parameters()}),
     )
 
 

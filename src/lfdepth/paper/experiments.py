@@ -412,12 +412,9 @@ def _runtime(lab: _Laboratory) -> None:
 
 def _runtime_cells(lf: LightField, chosen: Method, paper: float | None, share: float) -> list[str]:
     """Planes, seconds for the map and for a slice, and the paper's for a slice of as many pixels."""
-    from lfdepth.blocks.planes import disparity_planes
-
     result = timed_estimate(lf, chosen, threads=1)
-    planes = len(disparity_planes(result.range, step=chosen.step, count=chosen.planes, force=True))
-    seconds = result.runtime / planes
-    cells = [str(planes), f"{result.runtime:.2f}", f"{seconds:.4f}"]
+    seconds = result.runtime / result.planes
+    cells = [str(result.planes), f"{result.runtime:.2f}", f"{seconds:.4f}"]
     return [
         *cells,
         *(["–", "–"] if paper is None else [f"{paper * share:.3f}", f"{paper * share / seconds:.0f}"]),

@@ -143,6 +143,7 @@ def study(lf: LightField, *, size: int = 120, threads: int | None = None, **opti
     """
     from lfdepth.estimation import estimate
     from lfdepth.methods import method
+    from lfdepth.trace import Trace
 
     if lf.truth is None or not jumps(lf.truth).any():
         raise LightFieldError(
@@ -153,24 +154,31 @@ def study(lf: LightField, *, size: int = 120, threads: int | None = None, **opti
     outer = _widened(window, _MARGIN, lf)
     inner = Window(window.x - outer.x, window.y - outer.y, window.width, window.height)
     part = lf.crop(outer.x, outer.y, outer.width, outer.height)
+    chosen = {name: method(name, **options) for name in (PLAIN, OCCLUSION)}
+    traces = {name: Trace(keep=("votes", "smoothed")) for name in chosen}
     results = {
-        name: estimate(part, name, keep_volume=True, threads=threads, **options)
-        for name in (PLAIN, OCCLUSION)
+        name: estimate(part, each, trace=traces[name], threads=threads) for name, each in chosen.items()
     }
-    kept = {name: each.volumes for name, each in results.items() if each.volumes is not None}
+    planes = chosen[PLAIN].planes_for(results[PLAIN].range)
     truth = window.of(lf.truth)
-    smoothed = {name: each.smoothed[:, inner.rows, inner.columns] for name, each in kept.items()}
+
+    def kept(what: str) -> dict[str, Array]:
+        return {
+            name: np.stack([inner.of(each) for each in trace.kept[what]]) for name, trace in traces.items()
+        }
+
+    smoothed = kept("smoothed")
     return Study(
         views=part.views,
         inner=inner,
         truth=truth,
-        planes=kept[PLAIN].planes,
-        initial={name: each.initial[:, inner.rows, inner.columns] for name, each in kept.items()},
+        planes=planes,
+        initial=kept("votes"),
         smoothed=smoothed,
         maps={name: inner.of(each.disparity) for name, each in results.items()},
-        row=_telling_row(smoothed[PLAIN], truth, kept[PLAIN].planes),
-        plane=_telling_plane(truth, kept[PLAIN].planes),
-        skip=method(OCCLUSION, **options).skip,
+        row=_telling_row(smoothed[PLAIN], truth, planes),
+        plane=_telling_plane(truth, planes),
+        skip=chosen[OCCLUSION].parameters()["skip"],
     )
 
 

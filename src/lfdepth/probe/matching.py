@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfdepth.errors import LightFieldError
-from lfdepth.lightfield import LightField
+from lfdepth.lightfield import LightField, luma
 
 if TYPE_CHECKING:
-    from lfdepth.engines.cpu.workers import Workers
+    from lfdepth.engines.base import Engine
 
 LIMIT = 20.0
 """Largest difference that counts, grey levels of 255: beyond it, one mismatch is like another."""
@@ -27,7 +27,6 @@ PEAK = 2.5
 """Half the width of a minimum of the costs, in px by which the outermost view moves."""
 
 _DIRECTIONS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
-_REC601 = np.array([0.299, 0.587, 0.114], np.float32)
 # By how much an aperture with fewer views has to be better than all of them: a factor, and grey levels.
 _PARTIAL = 1.1, 0.05
 
@@ -148,8 +147,7 @@ def shrink_to(lf: LightField, side: int) -> int:
 
 def widest(lf: LightField) -> float:
     """Disparity, px per view step, at which the outermost view moves by a quarter of the picture."""
-    v, u = lf.shape[:2]
-    return max(lf.height, lf.width) / 4 / (max(v, u) // 2)
+    return max(lf.height, lf.width) / 4 / max(lf.centre)
 
 
 def plane_range(low: float, high: float, step: float) -> NDArray[np.float64]:
@@ -190,7 +188,7 @@ def make_probe(lf: LightField, limit: float, shrink: int, rings: Sequence[float]
 def match(
     probe: Probe,
     planes: NDArray[np.float64],
-    workers: Workers,
+    engine: Engine,
     order: Order = IN_ORDER,
     *,
     halves: bool = False,
@@ -203,32 +201,27 @@ def match(
         Views.
     planes
         (K,) disparities, px per view step of the whole views, ascending, evenly spaced.
-    workers
-        Threads.
+    engine
+        Engine.
     order
         How the grid is taken.
     halves
         Also compare half of the views at a time: beside an occluder, one half sees what is behind it.
     """
-    from lfdepth.engines.cpu.matching import compare_kernel, difference_kernel
-
     grid = probe.ordered(order)
-    height, width = probe.reference.shape
     step = float(planes[1] - planes[0])
-    apart = int(np.ceil(PEAK * probe.unit / step))
     sides = np.sign(grid).astype(np.int32)
-    weights, penalty = _apertures(sides, halves)
-    sums = np.empty((height, len(weights), width), np.float32)
-    recent = np.empty((apart + 1, height, width), np.float32)
-    farther = np.full((height, width), np.inf, np.float32)
-    costs = np.full((4, height, width), np.inf, np.float32)
-    best = np.zeros((height, width), np.int32)
-    for index, plane in enumerate(planes):
-        down, across = (-plane / probe.shrink * grid[:, axis] for axis in (0, 1))
-        sampling = (probe.reference, probe.views, down, across, sides, probe.margin, LIMIT)
-        workers.rows(height, difference_kernel, sums, *sampling)
-        found = (sums, weights, penalty, index, apart, recent, farther, best, costs)
-        workers.rows(height, compare_kernel, *found)
+    down, across = (np.outer(-planes / probe.shrink, grid[:, axis]) for axis in (0, 1))
+    best, costs = engine.match(
+        probe.reference,
+        probe.views,
+        (down, across),
+        sides,
+        _apertures(sides, halves),
+        margin=probe.margin,
+        apart=int(np.ceil(PEAK * probe.unit / step)),
+        limit=LIMIT,
+    )
     disparity = planes[0] + step * (best + _parabola(costs[1], costs[0], costs[2]))
     return Match(disparity.astype(np.float32), costs[0], costs[3])
 
@@ -285,9 +278,7 @@ def _parabola(
 
 def _prepared(lf: LightField, index: tuple[int, int], shrink: int) -> NDArray[np.float32]:
     """Grey levels of a view, shrunk, then smoothed by (1, 2, 1)/4: then sampling hardly blurs it."""
-    levels = lf.views[index].astype(np.float32)
-    grey = levels @ _REC601 if levels.shape[2] == 3 else levels[..., 0]
-    grey *= np.float32(255 / lf.full_scale)
+    grey = luma(lf.views[index]) * np.float32(255 / lf.full_scale)
     if shrink > 1:
         height, width = (n // shrink for n in grey.shape)
         blocks = grey[: height * shrink, : width * shrink].reshape(height, shrink, width, shrink)

@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.engines.cpu.workers import Workers
+from lfdepth.engines import using
+from lfdepth.engines.base import Engine
 from lfdepth.lightfield import LightField
 from lfdepth.probe.matching import (
     Match,
@@ -137,7 +138,11 @@ class Orientation:
 
 
 def check_orientation(
-    lf: LightField, *, applied: Reordering = AS_STORED, threads: int | None = None
+    lf: LightField,
+    *,
+    applied: Reordering = AS_STORED,
+    threads: int | None = None,
+    engine: Engine | None = None,
 ) -> Orientation:
     """Test on the pixels whether the views are in order.
 
@@ -149,6 +154,8 @@ def check_orientation(
         What it was read with, so that the advice is for reading it again.
     threads
         Number of threads; None takes every processor. The result does not depend on it.
+    engine
+        Engine to use instead of the default one.
 
     Returns
     -------
@@ -163,10 +170,10 @@ def check_orientation(
     """
     limit = widest(lf)
     probe = make_probe(lf, limit, shrink_to(lf, _SIDES[0]), _RINGS)
-    with Workers(threads) as workers:
-        order, agreeing, decisive = _find_order(probe, limit, workers)
-        span = coarse_range(probe, limit, workers, order)
-        sign = _Sign() if span is None else _find_sign(lf, span, order, workers)
+    with using(engine, threads=threads) as used:
+        order, agreeing, decisive = _find_order(probe, limit, used)
+        span = coarse_range(probe, limit, used, order)
+        sign = _Sign() if span is None else _find_sign(lf, span, order, used)
     expected, opposite = _remedies(lf, order)
     if sign.decided and sign.far_wins > sign.near_wins:
         expected, opposite = opposite, expected
@@ -181,12 +188,12 @@ def check_orientation(
     )
 
 
-def _find_order(probe: Probe, limit: float, workers: Workers) -> tuple[Order, float, float]:
+def _find_order(probe: Probe, limit: float, engine: Engine) -> tuple[Order, float, float]:
     """The best order, the share of decisive pixels that are for it, and the share of decisive ones."""
     planes = plane_range(-limit, limit, probe.unit)
     mirrored = (False, True) if probe.offsets.any(axis=0).all() else (False,)  # one row has only a sign
     orders = [Order(transposed, mirror) for transposed in (False, True) for mirror in mirrored]
-    costs = np.stack([match(probe, planes, workers, order).cost for order in orders])
+    costs = np.stack([match(probe, planes, engine, order).cost for order in orders])
     first, second = np.partition(costs, 1, axis=0)[:2]
     decisive = better(first, second)
     votes = np.bincount(costs.argmin(axis=0)[decisive], minlength=len(orders))
@@ -219,12 +226,12 @@ class _Sign:
         return self.near_wins + self.far_wins >= _FEWEST and self.majority >= _MAJORITY
 
 
-def _find_sign(lf: LightField, span: tuple[float, float], order: Order, workers: Workers) -> _Sign:
+def _find_sign(lf: LightField, span: tuple[float, float], order: Order, engine: Engine) -> _Sign:
     """Compare the occlusions of surfaces within a range of disparities."""
     sign = _Sign()
     for shrink in dict.fromkeys(shrink_to(lf, side) for side in _SIDES):
         probe = make_probe(lf, max(-span[0], span[1]), shrink, _RINGS)
-        found = match(probe, plane_range(*span, probe.unit / 2), workers, order, halves=True)
+        found = match(probe, plane_range(*span, probe.unit / 2), engine, order, halves=True)
         pixels = _Pixels(probe, found, order)
         counts = [pixels.occlusions(view) for view in range(len(probe.views))]
         sign = _Sign(sum(near for near, _ in counts), sum(far for _, far in counts))

@@ -7,7 +7,8 @@ from math import isfinite
 
 import numpy as np
 
-from lfdepth.engines.cpu.workers import Workers
+from lfdepth.engines import using
+from lfdepth.engines.base import Engine
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
 from lfdepth.probe.matching import (
@@ -64,7 +65,11 @@ _USUAL_REACH = 2
 
 
 def find_range(
-    lf: LightField, *, limit: float | None = None, threads: int | None = None
+    lf: LightField,
+    *,
+    limit: float | None = None,
+    threads: int | None = None,
+    engine: Engine | None = None,
 ) -> tuple[float, float]:
     """Find the range of disparities from the views.
 
@@ -83,6 +88,8 @@ def find_range(
         ones are tried.
     threads
         Number of threads; None takes every processor. The result does not depend on it.
+    engine
+        Engine to use instead of the default one.
 
     Returns
     -------
@@ -97,11 +104,11 @@ def find_range(
     limit = widest(lf) if limit is None else limit
     if not (isfinite(limit) and limit > 0):
         raise LightFieldError(f"limit: found {limit}, expected a positive number of px per view step")
-    with Workers(threads) as workers:
-        found = coarse_range(make_probe(lf, limit, shrink_to(lf, _COARSE_SIDE), _RINGS), limit, workers)
+    with using(engine, threads=threads) as used:
+        found = coarse_range(make_probe(lf, limit, shrink_to(lf, _COARSE_SIDE), _RINGS), limit, used)
         if found is not None:
             probe = make_probe(lf, max(-found[0], found[1]), shrink_to(lf, _FINE_SIDE), _RINGS)
-            fine = match(probe, plane_range(*found, probe.unit / 2), workers)
+            fine = match(probe, plane_range(*found, probe.unit / 2), used)
             found = _fine_ends(fine, probe.unit, max(1.0, _USUAL_REACH / probe.reach))
     if found is None:
         raise LightFieldError(
@@ -113,7 +120,7 @@ def find_range(
 
 
 def coarse_range(
-    probe: Probe, limit: float, workers: Workers, order: Order = IN_ORDER
+    probe: Probe, limit: float, engine: Engine, order: Order = IN_ORDER
 ) -> tuple[float, float] | None:
     """Range that holds all surfaces and some more; None if none is found.
 
@@ -123,15 +130,13 @@ def coarse_range(
         Shrunk views.
     limit
         Largest |D| to look for, px per view step; if nothing is found, it is halved.
-    workers
-        Threads.
+    engine
+        Engine.
     order
         How the views are taken.
     """
     while limit > _NARROWEST / 2:
-        found = ends(
-            match(probe, plane_range(-limit, limit, probe.unit), workers, order), probe.unit, _COARSE
-        )
+        found = ends(match(probe, plane_range(-limit, limit, probe.unit), engine, order), probe.unit, _COARSE)
         if found is not None:
             return found[0] - _SLACK * probe.unit, found[1] + _SLACK * probe.unit
         limit /= 2

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfdepth.engines import single, using
 from lfdepth.errors import LightFieldError
 from lfdepth.io.atomic import atomic, atomic_folder
 from lfdepth.io.record import checked_map
@@ -22,7 +23,7 @@ from lfdepth.lightfield import LightField
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from lfdepth.estimation import Result
+    from lfdepth.result import Result
 
 JUMP = 0.25
 """Difference of disparities, px per view step, from which on neighbouring pixels are of two surfaces."""
@@ -229,20 +230,17 @@ def _average(
     With the `surface` that the reference view sees, views do not count where they show something nearer than
     `limit`, a disparity for each point.
     """
-    from lfdepth.engines.cpu.focusing import gather_kernel
-    from lfdepth.engines.cpu.workers import Workers
-
     total: NDArray[np.float32] = np.zeros((lf.height, lf.width, lf.shape[4]), np.float32)
     count: NDArray[np.float32] = np.zeros((lf.height, lf.width), np.float32)
     front = np.zeros_like(focus)
     if limit is None:
         limit = np.full_like(focus, np.inf)
-    with Workers(threads) as workers:
+    with using(None, threads=threads) as engine:
         for index, v, u in _present_views(lf):
             if surface is not None:
                 front = _grown(_front(surface, v, u))
-            view = lf.views[index]
-            workers.rows(lf.height, gather_kernel, total, count, view, v, u, focus, front, limit)
+            place = (float(v), float(u))
+            engine.gather(lf.views[index], place, focus, total, count, front=front, limit=limit)
     total /= np.maximum(count, 1)[..., None]
     return total, count
 
@@ -256,11 +254,7 @@ def _present_views(lf: LightField) -> Iterator[tuple[tuple[int, int], int, int]]
 
 def _front(surface: NDArray[np.float32], v: int, u: int, plane: float = 0.0) -> NDArray[np.float32]:
     """Disparity (H, W) of what view (u, v) shows, as seen from a plane; −inf where nothing is known of it."""
-    from lfdepth.engines.cpu.focusing import splat_kernel
-
-    front = np.full(surface.shape, -np.inf, np.float32)
-    splat_kernel(front, surface, plane, v, u, JUMP)
-    return front
+    return single().seen(surface, (float(v), float(u)), plane=plane, jump=JUMP)
 
 
 def _grown(front: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lfdepth.camera import Camera
-from lfdepth.engines.cpu import scenes as kernels
+from lfdepth.engines.cpu.kernels import scenes as kernels
 from lfdepth.lightfield import LightField
 from lfdepth.scenes.masks import Labels, Map, geometric, kinds_of, textureless
 from lfdepth.scenes.model import Packed, Scene, pack

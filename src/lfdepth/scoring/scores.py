@@ -16,7 +16,7 @@ from lfdepth.scoring.metrics import HIGH, LOW, Array, Resolution
 
 if TYPE_CHECKING:
     from lfdepth.camera import Camera
-    from lfdepth.estimation import Result
+    from lfdepth.result import Result
     from lfdepth.scoring.truth import HighResolution
 
 HIGH_RESOLUTION_SCENES = frozenset({"backgammon", "dots", "stripes", "wedges", "specks", "strips"})

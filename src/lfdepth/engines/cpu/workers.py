@@ -1,8 +1,7 @@
-"""Threads for the sweep's kernels.
+"""Threads for kernels.
 
-The kernels release the GIL and each works on a band of rows, so an ordinary thread pool runs them side by
-side. No row's result depends on where its band begins, which makes results independent of the number of
-threads.
+Kernels release the GIL and each works on a band of rows, so an ordinary thread pool runs them side by side.
+No row's result depends on where its band begins, which makes results independent of the number of threads.
 """
 
 from __future__ import annotations
@@ -11,7 +10,6 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
-from types import TracebackType
 from typing import Any
 
 from lfdepth.errors import LightFieldError
@@ -58,17 +56,15 @@ class Workers:
         for job in jobs:
             job.result()
 
-    def __enter__(self) -> Workers:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def close(self) -> None:
+        """Let the threads go."""
         if self._pool is not None:
             self._pool.shutdown(wait=True, cancel_futures=True)
 
 
 def bands(height: int, count: int) -> list[tuple[int, int]]:
-    """Split rows into at most `count` bands, as even as possible."""
-    count = min(count, height)
-    return list(pairwise(height * i // count for i in range(count + 1)))
+    """Split rows into at most `count` bands, as even as possible; none where there are no rows."""
+    count = max(min(count, height), 1)
+    return [
+        (start, end) for start, end in pairwise(height * i // count for i in range(count + 1)) if start < end
+    ]

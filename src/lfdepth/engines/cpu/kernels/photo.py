@@ -13,12 +13,9 @@ import numba as nb
 import numpy as np
 
 from lfdepth.engines.cpu.compilation import INNER, KERNEL
-
-UNIT = 128
-"""Sum of the four bilinear weights, parts of a pixel that shifts are rounded to, and of an 8-bit level."""
-
-WHITE = 255 * UNIT
-"""Full scale of interpolated levels; fits 15 bits."""
+from lfdepth.engines.layout import COLOUR_UNIT as UNIT
+from lfdepth.engines.layout import COLOUR_WHITE as WHITE
+from lfdepth.engines.layout import FEWEST_SEEING
 
 _BLOCK = 32  # rows worked at once
 _ONE = np.uintp(1)
@@ -126,7 +123,7 @@ def _visible_share(out, votes, seen, everywhere, possible):
 
     `seen` leaves out the views that see it `everywhere` along the row.
     """
-    least, more = np.float32(0.1) * possible, np.float32(everywhere)
+    least, more = np.float32(FEWEST_SEEING) * possible, np.float32(everywhere)
     for x in range(out.size):
         out[x] = np.float32(votes[x]) / max(np.float32(seen[x]) + more, least)
 
@@ -164,13 +161,13 @@ def photo_kernel(
 ):
     """Share of the views below the threshold, for rows [first_row, last_row) of one plane.
 
-    `shape` is (V, U, H, C, row length, margin). With `masked`, only views that see the plane count:
-    `visibility` is (nearest surfaces per view, nearest per row of a view, whole pixels down and across at
-    which they are sampled, pixels in front of the plane, horizon).
+    `shape` is (V, U, H, C, row length, margin, index of the reference view). With `masked`, only views that
+    see the plane count: `visibility` is (nearest surfaces per view, nearest per row of a view, whole pixels
+    down and across at which they are sampled, pixels in front of the plane, horizon).
     """
     nearest, row_nearest, nearest_down, nearest_across, front, horizon = visibility
     horizon16 = np.int16(horizon)
-    rows, columns, height, channels, length, margin = shape
+    rows, columns, height, channels, length, margin, own = shape
     possible, scale = np.float32(present.sum()), np.float64(channels * WHITE)
     width = length - 2 * margin
     votes, seen = np.empty((_BLOCK, width), np.int16), np.empty((_BLOCK, width), np.int16)
@@ -181,7 +178,7 @@ def photo_kernel(
     one, none = np.int16(UNIT), np.int16(0)
     for begin in range(first_row, last_row, _BLOCK):
         block = min(_BLOCK, last_row - begin)
-        view = (rows // 2 * columns + columns // 2) * height
+        view = own * height
         for i in range(block):
             start = np.uintp((view + begin + i) * row_size + margin)
             _interpolate(reference[i], channels, data, start, start, length, one, none, none, none)
@@ -195,20 +192,20 @@ def photo_kernel(
                 if not present[v, u]:
                     continue
                 view = (v * columns + u) * height
-                column = margin + across[u]
+                column = margin + across[v, u]
                 w00, w01, w10, w11 = weights[v, u]
                 for i in range(block):
                     y = begin + i
-                    upper = min(max(y + down[v], 0), height - 1)
-                    lower = min(max(y + down[v] + 1, 0), height - 1)
+                    upper = min(max(y + down[v, u], 0), height - 1)
+                    lower = min(max(y + down[v, u] + 1, 0), height - 1)
                     first = np.uintp((view + upper) * row_size + column)
                     second = np.uintp((view + lower) * row_size + column)
                     _interpolate(levels, channels, data, first, second, length, w00, w01, w10, w11)
                     whole, at = True, np.uintp(0)
                     if masked:
-                        row = view + min(max(y + nearest_down[v], 0), height - 1)
+                        row = view + min(max(y + nearest_down[v, u], 0), height - 1)
                         whole = row_nearest[row] <= horizon16
-                        at = np.uintp(row * length + margin + nearest_across[u])
+                        at = np.uintp(row * length + margin + nearest_across[v, u])
                     everywhere[i] += whole
                     if whole and channels == 1:
                         _count_grey(votes[i], bounds[i], levels, reference[i])

@@ -1,4 +1,4 @@
-"""Kernels of the gloss block: high-passed views, photo votes of single rows, connected regions."""
+"""Kernels of the gloss block: high-passed views, photo votes of single rows."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ import numba as nb
 import numpy as np
 
 from lfdepth.engines.cpu.compilation import INNER, KERNEL
-from lfdepth.engines.cpu.photo import UNIT, photo_kernel
+from lfdepth.engines.cpu.kernels.photo import photo_kernel
+from lfdepth.engines.layout import COLOUR_UNIT as UNIT
 
 RADIUS = 3
 """Radius in px of the window whose mean is subtracted."""
@@ -90,26 +91,3 @@ def probe_kernel(first, last, rows, peaks, shares, arguments):
             total += row[min(x + ALONG, width - 1)]
             peaks[i, x] = max(peaks[i, x], total / np.float32(2 * ALONG + 1))
             total -= row[max(x - ALONG, 0)]
-
-
-@nb.njit(**KERNEL)
-def label_kernel(mask, length, labels):
-    """Number the regions of a mask from 1 on, in `labels`, which is zero.
-
-    Both are flat, with rows of `length` pixels and an empty border; pixels are connected by their sides.
-    """
-    queue, count = np.empty(mask.size, np.int64), 0
-    for start in range(mask.size):
-        if not mask[start] or labels[start] != 0:
-            continue
-        count += 1
-        labels[start], queue[0] = count, start
-        done, size = 0, 1
-        while done < size:
-            for step in (-length, -1, 1, length):
-                other = queue[done] + step
-                if mask[other] and labels[other] == 0:
-                    labels[other] = count
-                    queue[size] = other
-                    size += 1
-            done += 1

@@ -17,8 +17,9 @@ from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-from lfdepth.blocks.reparam import PAD, UNIT
 from lfdepth.engines.cpu.compilation import INNER, KERNEL
+from lfdepth.engines.cpu.layout import PAD
+from lfdepth.engines.layout import GREY_UNIT as UNIT
 
 BLOCK = 32
 """Columns that share the decision between the plain and the masked count."""
@@ -64,18 +65,18 @@ def fill_ring(ring, row, data, shape, down, across, weights, present, ahead):
     Levels are stored less 32768. Weights must be 16 bits wide, or the loop is not. `ahead` becomes the offset
     of what the next row will have to read of every view that is there.
     """
-    rows, columns, height, width, source_length, margin = shape
+    rows, columns, height, width, source_length, margin, _ = shape
     length = row_length(width)
     slot = row % 3
     row = min(max(row, 0), height - 1)
     view = 0
     for v in range(rows):
-        first = (v * height + min(max(row + down[v], 0), height - 1)) * columns
-        second = (v * height + min(max(row + down[v] + 1, 0), height - 1)) * columns
         for u in range(columns):
             if not present[v, u]:
                 continue
-            column = margin - PAD + across[u]
+            first = (v * height + min(max(row + down[v, u], 0), height - 1)) * columns
+            second = (v * height + min(max(row + down[v, u] + 1, 0), height - 1)) * columns
+            column = margin - PAD + across[v, u]
             upper = np.uintp((first + u) * source_length + column)
             lower = np.uintp((second + u) * source_length + column)
             start = np.uintp(((slot * rows + v) * columns + u) * length)
@@ -187,7 +188,7 @@ def _mask_offsets(present, placing, length, reach):
     for v in range(present.shape[0]):
         for u in range(present.shape[1]):
             if present[v, u]:
-                offsets[view] = (reach + down[v]) * length + reach + across[u]
+                offsets[view] = (reach + down[v, u]) * length + reach + across[v, u]
                 for k in range(4):
                     kept[view, k] = weights[v, u, k]
                 view += 1
@@ -423,6 +424,7 @@ def vote_kernel(
     `_signum`.
     """
     rows, columns, _, width = shape[:4]
+    reference = shape[6]
     length = row_length(width)
     inner = length - 2 * PAD
     mask_length = inner + 2 * reach
@@ -450,7 +452,7 @@ def vote_kernel(
     for y in range(first_row, last_row):
         fill_ring(ring, y + 1, data, shape, down, across, weights, present, levels[5])
         phase = y % 3
-        centre = ((phase * rows + rows // 2) * columns + columns // 2) * length + PAD
+        centre = (phase * rows * columns + reference) * length + PAD
         _photo_bounds(low, high, ring, np.uintp(centre), tolerance)
         if general:
             _count_general(large_sums, scratch, levels, phase, options, masks, y)

@@ -6,7 +6,8 @@ import numba as nb
 import numpy as np
 
 from lfdepth.engines.cpu.compilation import INNER, KERNEL
-from lfdepth.engines.cpu.visibility import PARTS
+from lfdepth.engines.cpu.kernels.sampling import inside, sample
+from lfdepth.engines.layout import DISPARITY_PARTS as PARTS
 
 _REACH = 2  # px around a pixel in which the foreground's colour is looked for
 _BLUR = np.float32(1.5)  # standard deviation in px of the weights of those pixels
@@ -16,19 +17,6 @@ _FRINGE = np.float32(
 _JUMP_SHARE = np.float32(0.7)  # of the change within 5 × 5 pixels that a jump makes within 3 × 3
 _FEW_VIEWS = 3
 _SAME = np.float32(4)  # grey levels squared per channel: surfaces of one colour cannot be told apart
-
-
-@nb.njit(**KERNEL)
-def sample(image, y, x, out):
-    """Bilinear colour at (y, x), inside the image."""
-    height, width, channels = image.shape
-    top, left = min(int(y), height - 2), min(int(x), width - 2)
-    fy, fx = np.float32(y - top), np.float32(x - left)
-    for c in range(channels):
-        a, b = np.float32(image[top, left, c]), np.float32(image[top, left + 1, c])
-        d, e = np.float32(image[top + 1, left, c]), np.float32(image[top + 1, left + 1, c])
-        upper, lower = a + fx * (b - a), d + fx * (e - d)
-        out[c] = upper + fy * (lower - upper)
 
 
 @nb.njit(**INNER)
@@ -55,7 +43,7 @@ def _is_edge(disparity, y, x, change, jump):
 
 
 @nb.njit(**INNER)
-def _foreground_colour(disparity, reference, y, x, near, far, mean):
+def _foreground_colour(disparity, reference, scale, y, x, near, far, mean):
     """Weighted mean colour of near pixels around (y, x), into `mean`; returns weight and summed variance."""
     height, width, channels = reference.shape
     middle = np.float32(0.5) * (near + far)
@@ -73,7 +61,7 @@ def _foreground_colour(disparity, reference, y, x, near, far, mean):
                 weight *= _FRINGE
             total += weight
             for c in range(channels):
-                level = np.float32(reference[row, column, c])
+                level = scale * np.float32(reference[row, column, c])
                 mean[c] += weight * level
                 squares += weight * level * level
     if total <= 0:
@@ -86,22 +74,24 @@ def _foreground_colour(disparity, reference, y, x, near, far, mean):
 
 
 @nb.njit(**INNER)
-def _views_behind(views, present, nearest, margin, row_length, y, x, near, far, samples):
-    """Colours at the far disparity in the views that see past the near surface; returns their number."""
+def _views_behind(views, scale, others, nearest, margin, row_length, y, x, near, far, samples):
+    """Colours at the far disparity in the views that see past the near surface; returns their number.
+
+    `others` is (present but for the reference view, offsets) of the views, (V, U) and (V, U, 2).
+    """
     rows, columns, height, width = views.shape[:4]
+    present, offsets = others
     horizon = (far + np.float32(0.5) * (near - far)) * np.float32(PARTS)
     count = 0
     for v in range(rows):
         for u in range(columns):
-            to_y, to_x = y - (v - rows // 2) * far, x - (u - columns // 2) * far
-            if not present[v, u] or (v == rows // 2 and u == columns // 2):
-                continue
-            if to_y < 0 or to_x < 0 or to_y > height - 1 or to_x > width - 1:
+            to_y, to_x = y - offsets[v, u, 0] * far, x - offsets[v, u, 1] * far
+            if not present[v, u] or not inside(to_y, to_x, height, width):
                 continue
             row = (v * columns + u) * height + int(to_y + 0.5)
             if nearest[row * row_length + margin + int(to_x + 0.5)] > horizon:
                 continue
-            sample(views[v, u], to_y, to_x, samples[count])
+            sample(views[v, u], to_y, to_x, scale, samples[count])
             count += 1
     return count
 
@@ -137,18 +127,17 @@ def _agreement(samples, count, own, threshold):
 
 
 @nb.njit(**INNER)
-def _all_views(views, present, y, x, disparity, samples):
+def _all_views(views, scale, others, y, x, disparity, samples):
     """Colours at one disparity in all views but the reference; returns their number."""
     rows, columns, height, width = views.shape[:4]
+    present, offsets = others
     count = 0
     for v in range(rows):
         for u in range(columns):
-            to_y, to_x = y - (v - rows // 2) * disparity, x - (u - columns // 2) * disparity
-            if not present[v, u] or (v == rows // 2 and u == columns // 2):
+            to_y, to_x = y - offsets[v, u, 0] * disparity, x - offsets[v, u, 1] * disparity
+            if not present[v, u] or not inside(to_y, to_x, height, width):
                 continue
-            if to_y < 0 or to_x < 0 or to_y > height - 1 or to_x > width - 1:
-                continue
-            sample(views[v, u], to_y, to_x, samples[count])
+            sample(views[v, u], to_y, to_x, scale, samples[count])
             count += 1
     return count
 
@@ -167,7 +156,9 @@ def edge_kernel(
     last_row,
     disparity,
     views,
-    present,
+    scale,
+    reference,
+    others,
     nearest,
     margin,
     row_length,
@@ -178,9 +169,12 @@ def edge_kernel(
     decided,
     at_edge,
 ):
-    """Decide the pixels beside depth edges in rows [first_row, last_row)."""
+    """Decide the pixels beside depth edges in rows [first_row, last_row).
+
+    `scale` turns levels into 8-bit ones; `reference` (H, W, C) is the reference view; `others` as for
+    `_views_behind`.
+    """
     rows, columns, height, width, channels = views.shape
-    reference = views[rows // 2, columns // 2]
     samples = np.empty((rows * columns, channels), np.float32)
     front, back, own = (
         np.empty(channels, np.float32),
@@ -193,8 +187,8 @@ def edge_kernel(
             if not _is_edge(disparity, y, x, near - far, jump):
                 continue
             at_edge[y, x] = True
-            weight, front_spread = _foreground_colour(disparity, reference, y, x, near, far, front)
-            count = _views_behind(views, present, nearest, margin, row_length, y, x, near, far, samples)
+            weight, front_spread = _foreground_colour(disparity, reference, scale, y, x, near, far, front)
+            count = _views_behind(views, scale, others, nearest, margin, row_length, y, x, near, far, samples)
             if weight <= np.float32(1e-6) or count < _FEW_VIEWS:
                 continue
             back_spread = _background_colour(samples, count, back)
@@ -202,10 +196,10 @@ def edge_kernel(
             if apart < _SAME * channels:
                 continue
             for c in range(channels):
-                own[c] = np.float32(reference[y, x, c])
+                own[c] = scale * np.float32(reference[y, x, c])
             is_front = disparity[y, x] > np.float32(0.5) * (near + far)
             if is_front:
-                count = _all_views(views, present, y, x, near, samples)
+                count = _all_views(views, scale, others, y, x, near, samples)
             doubt = np.float32(1) + inertia * _agreement(samples, count, own, thresholds[y, x])
             least = spread * spread * apart + np.float32(1)
             to_back = _squared_distance(own, back) * (front_spread + least)

@@ -6,15 +6,7 @@ import numba as nb
 import numpy as np
 
 from lfdepth.engines.cpu.compilation import INNER, KERNEL
-
-PARTS = 1000
-"""Parts of a px per view step in which disparities are kept."""
-
-SATURATED = 32000
-"""Largest disparity that is told apart, in these parts."""
-
-EMPTY = -32768
-"""Where no surface is known."""
+from lfdepth.engines.layout import UNKNOWN_SURFACE as EMPTY
 
 
 @nb.njit(**INNER)
@@ -44,14 +36,14 @@ def _places(places, disparity, y, dv, du, height, stride):
 
 
 @nb.njit(**KERNEL)
-def splat_kernel(first, last, disparity, levels, present, nearest, row_nearest, margin, row_length):
+def splat_kernel(first, last, disparity, levels, present, offsets, nearest, row_nearest, margin, row_length):
     """Splat `levels` into the present ones of views [first, last), counted row by row; nearest wins.
 
-    `levels` (H, W) is the disparity in parts; `nearest` is flat, laid out (V, U, H, row_length), and
-    `row_nearest` holds the nearest of each row.
+    `levels` (H, W) is the disparity in parts; `offsets` (V, U, 2) say where views stand; `nearest` is flat,
+    laid out (V, U, H, row_length), and `row_nearest` holds the nearest of each row.
     """
     height, width = disparity.shape
-    rows, columns = present.shape
+    columns = present.shape[1]
     places = np.empty(width, np.int32)
     stride = row_length
     for view in range(first, last):
@@ -61,7 +53,7 @@ def splat_kernel(first, last, disparity, levels, present, nearest, row_nearest, 
         start = (v * columns + u) * height * row_length
         for y in range(height):
             _clear(nearest, np.uintp(start + y * stride), row_length)
-        dv, du = np.float32(v - rows // 2), np.float32(u - columns // 2)
+        dv, du = np.float32(offsets[v, u, 0]), np.float32(offsets[v, u, 1])
         for y in range(height):
             _places(places, disparity[y], y, dv, du, height, stride)
             for x in range(width):

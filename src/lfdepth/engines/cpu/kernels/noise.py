@@ -6,29 +6,28 @@ import numba as nb
 import numpy as np
 
 from lfdepth.engines.cpu.compilation import KERNEL
-from lfdepth.engines.cpu.edges import sample
+from lfdepth.engines.cpu.kernels.sampling import inside, sample
 
 
 @nb.njit(**KERNEL)
-def residual_kernel(views, present, rows, columns, planes, least):
-    """Least mean absolute difference over planes between the reference view and the others, per pixel."""
+def residual_kernel(first, last, views, reference, others, rows, columns, planes, least):
+    """Least mean absolute difference over planes between the reference view and the others.
+
+    For pixels [first, last) of the list `rows`, `columns`. `others` is (present but for the reference view,
+    offsets) of the views, (V, U) and (V, U, 2).
+    """
     grid_rows, grid_columns, height, width, channels = views.shape
-    reference = views[grid_rows // 2, grid_columns // 2]
+    present, offsets = others
     colour = np.empty(channels, np.float32)
-    for i in range(rows.size):
+    for i in range(first, last):
         for plane in planes:
             total, count = np.float32(0), 0
             for v in range(grid_rows):
                 for u in range(grid_columns):
-                    y, x = (
-                        rows[i] - (v - grid_rows // 2) * plane,
-                        columns[i] - (u - grid_columns // 2) * plane,
-                    )
-                    if not present[v, u] or (v == grid_rows // 2 and u == grid_columns // 2):
+                    y, x = rows[i] - offsets[v, u, 0] * plane, columns[i] - offsets[v, u, 1] * plane
+                    if not present[v, u] or not inside(y, x, height, width):
                         continue
-                    if y < 0 or x < 0 or y > height - 1 or x > width - 1:
-                        continue
-                    sample(views[v, u], y, x, colour)
+                    sample(views[v, u], y, x, np.float32(1), colour)
                     for c in range(channels):
                         total += abs(colour[c] - np.float32(reference[rows[i], columns[i], c]))
                     count += channels

@@ -6,12 +6,11 @@ import numba as nb
 import numpy as np
 
 from lfdepth.engines.cpu.compilation import INNER, KERNEL
+from lfdepth.engines.layout import ENERGY_CUT
+from lfdepth.engines.layout import ENERGY_SCALE as SCALE
+from lfdepth.engines.layout import SHARE_LEVELS as _LEVELS
 
-SCALE = 2000
-"""Integer energies per unit. Energies are cut at 2 above a pixel's least, so four paths fit 16 bits."""
-
-_LEVELS = 255
-_CUT = np.float32(2 * SCALE)
+_CUT = np.float32(ENERGY_CUT)
 _FAR = np.int16(32000)
 _ALIKE = np.float32(2)  # planes within which neighbours belong to one island
 

@@ -1,0 +1,353 @@
+"""What an engine is: the functions that blocks call, and what they promise.
+
+Blocks decide, engines compute. A block knows light fields, planes and rules; an engine knows how views,
+slices and volumes are kept and worked on. Prepared views, surfaces, filters, and arrays made by `empty`,
+`zeros` or `upload` are the engine's own: a block hands them from one function to the next, slices volumes
+along their first axis, and reads them with `download`. Everything else that goes in or out is a NumPy array
+on the host. Shapes: V, U views of H×W px with C channels; K planes, front to back.
+
+All engines agree on rounding (`layout`), so that counts of votes are the same on each; sums of floats may
+differ in their last digits. The conformance test of the repository runs every function of an engine against
+the oracle.
+"""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Any, ClassVar, Literal, Protocol, Self
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from lfdepth.lightfield import LightField
+
+Array = Any
+"""An array of the engine: has `shape` and `dtype`, and can be sliced along its axes."""
+
+Float = NDArray[np.float32]
+Bool = NDArray[np.bool_]
+Gradient = Literal["central", "sobel"]
+Delta = Literal["photo", "sign", "none"]
+Box = tuple[slice, slice]
+"""Rows and columns of an image."""
+
+
+class GreyViews(Protocol):
+    """Grey views, prepared for planes up to some |D|."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(H, W)."""
+
+
+class ColourViews(Protocol):
+    """Views of all channels, prepared for planes up to some |D|; those `present` vote."""
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(H, W)."""
+
+    @property
+    def present(self) -> Bool:
+        """(V, U), which views vote."""
+
+    @property
+    def offsets(self) -> NDArray[np.float64]:
+        """(V, U, 2) view steps down and across from the reference view."""
+
+
+class Engine(Protocol):
+    """Everything that is computed for blocks. Functions end in the order of a method."""
+
+    name: ClassVar[str]
+
+    def close(self) -> None:
+        """Let go of threads or devices."""
+
+    def __enter__(self) -> Self: ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...
+
+    # --- arrays
+
+    def empty(self, shape: tuple[int, ...], dtype: DTypeLike) -> Array:
+        """An array whose values are not set."""
+
+    def zeros(self, shape: tuple[int, ...], dtype: DTypeLike) -> Array:
+        """An array of zeros."""
+
+    def upload(self, array: NDArray[Any]) -> Array:
+        """A host array as one of the engine's."""
+
+    def download(self, array: Array) -> NDArray[Any]:
+        """One of the engine's arrays on the host; may share its memory."""
+
+    # --- a first look
+
+    def match(
+        self,
+        reference: Float,
+        views: Float,
+        shifts: tuple[NDArray[np.float64], NDArray[np.float64]],
+        sides: NDArray[np.int32],
+        apertures: tuple[Float, Float],
+        *,
+        margin: int,
+        apart: int,
+        limit: float,
+    ) -> tuple[NDArray[np.int32], Float]:
+        """Best plane per pixel of a few smoothed grey views, and costs beside it.
+
+        Parameters
+        ----------
+        reference
+            (H, W) grey levels.
+        views
+            (N, H, W + 2·margin), columns repeated beyond the border.
+        shifts
+            Two (K, N): where each plane samples each view, px down and across from the pixel.
+        sides
+            (N, 2) where each view lies, −1, 0 or 1 down and across from the reference view.
+        apertures
+            Weights and penalties (A,): A = 1, all views; or 5, also those not to the right, left, below,
+            above.
+        margin
+            Columns left and right of each view.
+        apart
+            Planes beside the best one that do not count as its runner-up.
+        limit
+            Largest difference that counts.
+
+        Returns
+        -------
+        (H, W) index of the best plane; (4, H, W) its cost (mean over 3×3 px of the best aperture), those of
+        the planes before and after it, and the smallest of planes more than `apart` away.
+        """
+
+    # --- the vote of the signs
+
+    def grey_views(self, lf: LightField, reach: float) -> GreyViews:
+        """Prepare grey views for planes up to |D| = `reach` px per view step."""
+
+    def vote(
+        self,
+        views: GreyViews,
+        disparity: float,
+        votes: Array,
+        evidence: Array,
+        *,
+        gradient: Gradient = "central",
+        delta: Delta = "photo",
+        threshold: float = 0.03,
+        mask: tuple[Array, float] | None = None,
+    ) -> None:
+        """Vote on one plane (eq. 2-6).
+
+        Sums of votes, and of votes that count, as shares of all possible ones.
+
+        `votes` and `evidence` (H, W) float32 are written. `mask` is a foreground (H, W) bool of the reference
+        view, and the disparity of this plane less that of the plane where it was found (eq. 7).
+        LightFieldError where the plane lies beyond what the views were prepared for.
+        """
+
+    def signs(self, views: GreyViews, disparity: float, *, gradient: Gradient) -> tuple[Array, Array]:
+        """Signs S_xu and S_yv (V, U, H, W) int8 of every view at one plane (eq. 2 and 3)."""
+
+    def quotient(self, votes: Array, evidence: Array) -> Array:
+        """Votes over evidence, 0 where there is none (eq. 4 and 5)."""
+
+    def foreground(self, smoothed: Array) -> Array:
+        """Where a slice is above 0 (eq. 7), (H, W) bool."""
+
+    # --- smoothing of slices
+
+    def guided_filter(self, guide: Float, radius: int, epsilon: float) -> Any:
+        """Prepare a guided filter for a guide (H, W, C) in [0, 1]."""
+
+    def smooth(self, prepared: Any, image: Array, out: Array) -> None:
+        """Smooth an image (H, W) into `out`."""
+
+    def smooth_quotient(self, prepared: Any, numerator: Array, denominator: Array, out: Array) -> None:
+        """Smoothed numerator over smoothed denominator (at least 1e-3), within [−1, 1], into `out`."""
+
+    # --- streaming decoders
+
+    def sign_step(self, plane: int, smoothed: Array, state: tuple[Array, Array, Array, Array, Array]) -> None:
+        """Take a slice into (running sum, its least, plane of the least, slice there, slice after it)."""
+
+    def accumulate(self, smoothed: Array, count: Array) -> None:
+        """Add 1 to `count` (H, W) int32 where a slice is above 0."""
+
+    # --- photo-consistency and visibility
+
+    def colour_views(self, lf: LightField, reach: float, held: Bool | None = None) -> ColourViews:
+        """Prepare the views that are `held` (V, U), by default all, for planes up to |D| = `reach`."""
+
+    def voting(self, views: ColourViews, present: Bool) -> ColourViews:
+        """The same views, of which only those `present` (V, U) vote; all of them have to be held."""
+
+    def subgrid(self, views: ColourViews, rows: slice, columns: slice) -> ColourViews:
+        """The views in some rows and columns of the grid, the reference view among them."""
+
+    def high_passed(self, views: ColourViews, box: Box) -> ColourViews:
+        """Views in a box of the image, less their mean over 7×7 px, plus mid-grey; borders repeat."""
+
+    def nearest_surfaces(self, disparity: Float, views: ColourViews, spare: Any = None) -> Any:
+        """Splat a map (H, W) into every view that votes: the nearest surface at each of its pixels.
+
+        `spare` is a result no longer needed, whose memory may be used again.
+        """
+
+    def surfaces_in(self, surfaces: Any, box: Box) -> Any:
+        """The nearest surfaces in a box of the image, for views `high_passed` in the same box."""
+
+    def photo(
+        self,
+        views: ColourViews,
+        disparity: float,
+        thresholds: Array,
+        out: Array,
+        *,
+        surfaces: Any = None,
+        rows: tuple[int, int] | None = None,
+    ) -> None:
+        """Share of the views that show the reference view's colour at one plane, into `out` (H, W).
+
+        A view counts where the mean over channels of its absolute difference is below `thresholds` (H, W), in
+        (0, 0.5] of full scale. With `surfaces`, only views that see the plane count, unless the pixel lies in
+        front of it. With `rows`, only rows [first, last) are written. LightFieldError where the plane lies
+        beyond what the views were prepared for.
+        """
+
+    def photo_peaks(
+        self, views: ColourViews, planes: NDArray[np.float64], thresholds: Array, rows: NDArray[np.int64]
+    ) -> Float:
+        """Largest share over planes in some rows, a mean over 7 px along them, (rows, W)."""
+
+    # --- the energy of signs and photo-consistency
+
+    def store_signs(self, smoothed: Array, step: float, running: Array, lowest: Array, out: Array) -> None:
+        """Sign energy `running + step·smoothed/2` into `out`; updates the running sum and its least."""
+
+    def store_shares(self, share: Array, out: Array) -> None:
+        """Shares in [0, 1] as whole parts of `layout.SHARE_LEVELS`, into `out` uint8."""
+
+    def peak(self, shares: Array) -> NDArray[np.uint8]:
+        """Largest along the planes of a volume (K, H, W) uint8, on the host."""
+
+    def contrast(self, shares: Array) -> Float:
+        """Largest less mean along the planes of a volume, as a share in [0, 1], on the host."""
+
+    def put_where(self, volume: Array, mask: Bool, values: Array | float) -> None:
+        """Replace all planes of a volume where a mask (H, W) is True, by those of another, or by a number."""
+
+    def paths(
+        self,
+        signs: Array,
+        shares: Array,
+        weight: Float,
+        guide: Float,
+        *,
+        slope: float,
+        jump: float,
+        sharpness: float,
+        noise: float,
+    ) -> Array:
+        """Joint energies, summed over the best smooth paths from four sides (semi-global matching).
+
+        The energy of a pixel is `signs − weight·shares`, above its least and at most 2. Between neighbours, a
+        change by one plane costs `slope`, any larger one `jump`, times exp(−sharpness·max(Σ_channels |ΔI| −
+        noise, 0)).
+        """
+
+    def least(self, total: Array) -> Float:
+        """Place along the planes of each pixel's least total, by a parabola between planes, on the host."""
+
+    def fill_islands(self, position: Float, planes: int, largest: int) -> None:
+        """Fill islands of at most `largest` px at the first or last plane by the median around, in place."""
+
+    def fit_planes(
+        self,
+        position: Float,
+        signs: Array,
+        shares: Array,
+        weight: Float,
+        guide: Float,
+        *,
+        radius: int,
+        spacing: int,
+        gate: float,
+        prior: float,
+        ridge: float,
+        sharpness: float,
+    ) -> Float:
+        """Places along the planes by local planes fitted to each pixel's own minima (`blocks.surface`)."""
+
+    # --- depth edges and noise
+
+    def views(self, lf: LightField) -> Any:
+        """The views as they are, for functions that look at scattered places."""
+
+    def decide_edges(
+        self,
+        views: Any,
+        disparity: Float,
+        surfaces: Any,
+        thresholds: Float,
+        found: Bool,
+        *,
+        jump: float,
+        spread: float,
+        inertia: float,
+    ) -> Float:
+        """Decide every pixel beside a depth edge of a map once (`blocks.edges`).
+
+        `found` gains the pixels at edges; `surfaces` are those of the map in all views (`surfaces_of`);
+        `thresholds` (H, W) in 8-bit levels.
+        """
+
+    def surfaces_of(self, disparity: Float, views: Any, spare: Any = None) -> Any:
+        """As `nearest_surfaces`, for the views as they are."""
+
+    def median(
+        self,
+        disparity: Float,
+        guide: Float,
+        weight: Float | None,
+        *,
+        radius: int,
+        sigma_colour: float,
+        sigma_space: float,
+    ) -> Float:
+        """Weighted median (`blocks.median`)."""
+
+    def residuals(
+        self, views: Any, rows: NDArray[np.int64], columns: NDArray[np.int64], planes: NDArray[np.float64]
+    ) -> Float:
+        """Least over planes of the mean absolute difference between the reference view and all others.
+
+        For a list of pixels, in the views' own levels; infinite where no other view shows a pixel.
+        """
+
+    # --- pictures from many views
+
+    def seen(self, disparity: Float, offset: tuple[float, float], *, plane: float, jump: float) -> Float:
+        """Disparity (H, W) that the view at `offset` shows of a map, as seen from a plane; −inf: unknown."""
+
+    def gather(
+        self,
+        view: NDArray[Any],
+        offset: tuple[float, float],
+        disparity: Float,
+        total: Float,
+        count: Float,
+        *,
+        front: Float,
+        limit: Float,
+    ) -> None:
+        """Add the view at `offset`, sampled where points of the reference view at `disparity` appear in it.
+
+        Samples outside the view do not count, nor do those that touch a pixel whose `front` is above `limit`.
+        """

@@ -1,0 +1,559 @@
+"""The CPU engine: kernels compiled by numba, run over bands of rows by a pool of threads.
+
+Functions check nothing that blocks have checked. What each promises stands at `lfdepth.engines.base.Engine`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import TracebackType
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from lfdepth.engines.base import Array, Bool, Box, Delta, Float, Gradient
+from lfdepth.engines.cpu import guided, layout, medians
+from lfdepth.engines.cpu.kernels import decode as decode_kernels
+from lfdepth.engines.cpu.kernels import edges as edge_kernels
+from lfdepth.engines.cpu.kernels import energy as energy_kernels
+from lfdepth.engines.cpu.kernels import focusing as focusing_kernels
+from lfdepth.engines.cpu.kernels import gloss as gloss_kernels
+from lfdepth.engines.cpu.kernels import matching as matching_kernels
+from lfdepth.engines.cpu.kernels import noise as noise_kernels
+from lfdepth.engines.cpu.kernels import photo as photo_kernels
+from lfdepth.engines.cpu.kernels import surface as surface_kernels
+from lfdepth.engines.cpu.kernels import visibility as visibility_kernels
+from lfdepth.engines.cpu.kernels import voting as voting_kernels
+from lfdepth.engines.cpu.layout import ColourStack, GreyStack, NearestSurfaces, ViewsAsTheyAre
+from lfdepth.engines.cpu.workers import Workers
+from lfdepth.engines.layout import (
+    DISPARITY_LIMIT,
+    DISPARITY_PARTS,
+    ENERGY_SCALE,
+    SHARE_LEVELS,
+    VISIBILITY_MARGIN,
+    nearest_pixels,
+    plane_horizon,
+    shifts,
+    vote_tolerance,
+)
+from lfdepth.errors import LightFieldError
+from lfdepth.lightfield import LightField
+
+
+class CpuEngine:
+    """Kernels on the processor.
+
+    Parameters
+    ----------
+    threads
+        Number of threads; None takes every processor this process may use. Results do not depend on it.
+
+    Raises
+    ------
+    LightFieldError
+        If `threads` is below 1.
+    """
+
+    name: ClassVar[str] = "cpu"
+
+    def __init__(self, threads: int | None = None) -> None:
+        self.workers = Workers(threads)
+
+    def close(self) -> None:
+        """Let the threads go."""
+        self.workers.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    # --- arrays are NumPy's
+
+    def empty(self, shape: tuple[int, ...], dtype: DTypeLike) -> Array:
+        """An array whose values are not set."""
+        return np.empty(shape, dtype)
+
+    def zeros(self, shape: tuple[int, ...], dtype: DTypeLike) -> Array:
+        """An array of zeros; pages are cleared where threads touch them first."""
+        return np.zeros(shape, dtype)
+
+    def upload(self, array: NDArray[Any]) -> Array:
+        """The array itself, contiguous."""
+        return np.ascontiguousarray(array)
+
+    def download(self, array: Array) -> NDArray[Any]:
+        """The array itself."""
+        return np.asarray(array)
+
+    # --- a first look
+
+    def match(
+        self,
+        reference: Float,
+        views: Float,
+        shifts: tuple[NDArray[np.float64], NDArray[np.float64]],
+        sides: NDArray[np.int32],
+        apertures: tuple[Float, Float],
+        *,
+        margin: int,
+        apart: int,
+        limit: float,
+    ) -> tuple[NDArray[np.int32], Float]:
+        """Best plane per pixel, and costs beside it."""
+        height, width = reference.shape
+        sums = np.empty((height, len(apertures[0]), width), np.float32)
+        recent = np.empty((apart + 1, height, width), np.float32)
+        farther = np.full((height, width), np.inf, np.float32)
+        costs = np.full((4, height, width), np.inf, np.float32)
+        best = np.zeros((height, width), np.int32)
+        for index, (down, across) in enumerate(zip(*shifts, strict=True)):
+            sampling = (reference, views, down, across, sides, margin, limit)
+            self.workers.rows(height, matching_kernels.difference_kernel, sums, *sampling)
+            found = (sums, *apertures, index, apart, recent, farther, best, costs)
+            self.workers.rows(height, matching_kernels.compare_kernel, *found)
+        return best, costs
+
+    # --- the vote of the signs
+
+    def grey_views(self, lf: LightField, reach: float) -> GreyStack:
+        """Grey views with padded rows."""
+        return layout.grey_stack(lf, reach)
+
+    def vote(
+        self,
+        views: GreyStack,
+        disparity: float,
+        votes: Array,
+        evidence: Array,
+        *,
+        gradient: Gradient = "central",
+        delta: Delta = "photo",
+        threshold: float = 0.03,
+        mask: tuple[Array, float] | None = None,
+    ) -> None:
+        """Count one plane."""
+        padded, reach, placing = _placed_mask(views, mask)
+        self.workers.rows(
+            views.size[0],
+            voting_kernels.vote_kernel,
+            votes,
+            evidence,
+            padded,
+            reach,
+            placing,
+            *_grey_sampling(views, disparity),
+            vote_tolerance(delta, threshold),
+            (gradient == "sobel", delta == "sign", mask is not None),
+            np.int16(1),
+        )
+
+    def signs(self, views: GreyStack, disparity: float, *, gradient: Gradient) -> tuple[Array, Array]:
+        """Signs of all views; 0 for absent ones."""
+        shape = (*views.grid, *views.size)
+        signs = np.zeros(shape, np.int8), np.zeros(shape, np.int8)
+        sampling = _grey_sampling(views, disparity)
+        self.workers.rows(views.size[0], voting_kernels.sign_kernel, *signs, *sampling, gradient == "sobel")
+        return signs
+
+    def quotient(self, votes: Array, evidence: Array) -> Array:
+        """Votes over evidence."""
+        return np.divide(votes, evidence, out=np.zeros_like(votes), where=evidence > 0)
+
+    def foreground(self, smoothed: Array) -> Array:
+        """Where a slice is above 0."""
+        return smoothed > 0
+
+    # --- smoothing of slices
+
+    def guided_filter(self, guide: Float, radius: int, epsilon: float) -> guided.Prepared:
+        """The guide's statistics, row by row."""
+        return guided.prepare(guide, radius, epsilon)
+
+    def smooth(self, prepared: guided.Prepared, image: Array, out: Array) -> None:
+        """Smooth a slice."""
+        guided.smooth(self.workers, prepared, image, image, False, out)
+
+    def smooth_quotient(
+        self, prepared: guided.Prepared, numerator: Array, denominator: Array, out: Array
+    ) -> None:
+        """Smooth two slices and divide."""
+        guided.smooth(self.workers, prepared, numerator, denominator, True, out)
+
+    # --- streaming decoders
+
+    def sign_step(self, plane: int, smoothed: Array, state: tuple[Array, Array, Array, Array, Array]) -> None:
+        """Take a slice into the running sums."""
+        self.workers.rows(len(smoothed), decode_kernels.sign_step_kernel, plane, smoothed, *state)
+
+    def accumulate(self, smoothed: Array, count: Array) -> None:
+        """Count foreground."""
+        count += smoothed > 0
+
+    # --- photo-consistency and visibility
+
+    def colour_views(self, lf: LightField, reach: float, held: Bool | None = None) -> ColourStack:
+        """Views with padded rows; those that are not held take no memory."""
+        return layout.colour_stack(lf, reach, held)
+
+    def voting(self, views: ColourStack, present: Bool) -> ColourStack:
+        """The same views, of which fewer or more vote."""
+        return replace(views, present=present)
+
+    def subgrid(self, views: ColourStack, rows: slice, columns: slice) -> ColourStack:
+        """A copy of some views."""
+        v, u = (
+            range(count)[part].index(index)
+            for count, part, index in zip(views.grid, (rows, columns), views.reference, strict=True)
+        )
+        part = (rows, columns)
+        return replace(
+            views,
+            data=views.data.reshape(*views.grid, -1)[part].reshape(-1),
+            present=np.ascontiguousarray(views.present[part]),
+            held=np.ascontiguousarray(views.held[part]),
+            offsets=np.ascontiguousarray(views.offsets[part]),
+            reference=(v, u),
+        )
+
+    def high_passed(self, views: ColourStack, box: Box) -> ColourStack:
+        """High-passed views that vote; the others are left undefined."""
+        rows, columns = box
+        height, width = rows.stop - rows.start, columns.stop - columns.start
+        length = layout.round_width(width) + 2 * views.margin
+        source = views.data.reshape(*views.grid, views.size[0], views.channels, views.row_length)
+        out = np.empty((*views.grid, height, views.channels, length), source.dtype)
+        voting = np.argwhere(views.present)
+        corner = (rows.start, columns.start)
+        place = (source, views.margin, views.size[1], corner, out)
+        self.workers.rows(len(voting), gloss_kernels.high_pass_kernel, voting, *place)
+        return replace(
+            views, data=out.reshape(-1), size=(height, width), row_length=length, held=views.present
+        )
+
+    def nearest_surfaces(
+        self, disparity: Float, views: ColourStack, spare: NearestSurfaces | None = None
+    ) -> NearestSurfaces:
+        """Splat a map into views laid out like the stack."""
+        place = (views.present, views.offsets, views.margin, views.row_length)
+        return self._splat(disparity, *place, spare)
+
+    def surfaces_of(
+        self, disparity: Float, views: ViewsAsTheyAre, spare: NearestSurfaces | None = None
+    ) -> NearestSurfaces:
+        """Splat a map into views without margins."""
+        return self._splat(disparity, views.present, views.offsets, 0, disparity.shape[1], spare)
+
+    def _splat(
+        self,
+        disparity: Float,
+        present: Bool,
+        offsets: NDArray[np.float64],
+        margin: int,
+        row_length: int,
+        spare: NearestSurfaces | None,
+    ) -> NearestSurfaces:
+        count = present.size * disparity.shape[0]
+        # Fresh memory costs as much as the splats.
+        fits = spare is not None and spare.data.size == count * row_length
+        data = spare.data if fits and spare is not None else np.empty(count * row_length, np.int16)
+        levels = np.clip(disparity * np.float32(DISPARITY_PARTS), -DISPARITY_LIMIT, DISPARITY_LIMIT)
+        rows = np.empty(count, np.int16)
+        self.workers.rows(
+            present.size,
+            visibility_kernels.splat_kernel,
+            disparity,
+            levels.astype(np.int16),
+            present,
+            offsets,
+            data,
+            rows,
+            margin,
+            row_length,
+        )
+        grid = present.shape[0], present.shape[1]
+        return NearestSurfaces(data, rows, grid, margin, row_length, disparity)
+
+    def surfaces_in(self, surfaces: NearestSurfaces, box: Box) -> NearestSurfaces:
+        """Surfaces in a box of the image."""
+        return layout.surfaces_in(surfaces, box, box[1].stop - box[1].start)
+
+    def photo(
+        self,
+        views: ColourStack,
+        disparity: float,
+        thresholds: Array,
+        out: Array,
+        *,
+        surfaces: NearestSurfaces | None = None,
+        rows: tuple[int, int] | None = None,
+    ) -> None:
+        """Count one plane."""
+        first, last = (0, views.size[0]) if rows is None else rows
+        arguments = _photo_arguments(views, disparity, thresholds, surfaces)
+        self.workers.rows(last, photo_kernels.photo_kernel, out, *arguments, first=first)
+
+    def photo_peaks(
+        self, views: ColourStack, planes: NDArray[np.float64], thresholds: Array, rows: NDArray[np.int64]
+    ) -> Float:
+        """Largest share over planes in some rows."""
+        peaks = np.zeros((len(rows), views.size[1]), np.float32)
+        shares = np.empty(views.size, np.float32)
+        for plane in planes:
+            arguments = _photo_arguments(views, float(plane), thresholds, None)
+            self.workers.rows(len(rows), gloss_kernels.probe_kernel, rows, peaks, shares, arguments)
+        return peaks
+
+    # --- the energy of signs and photo-consistency
+
+    def store_signs(self, smoothed: Array, step: float, running: Array, lowest: Array, out: Array) -> None:
+        """Keep a plane of the sign energy."""
+        state = (running, lowest, out)
+        self.workers.rows(
+            len(smoothed), energy_kernels.store_signs_kernel, np.float32(step), smoothed, *state
+        )
+
+    def store_shares(self, share: Array, out: Array) -> None:
+        """Keep a plane of shares."""
+        self.workers.rows(len(share), energy_kernels.store_photo_kernel, share, out)
+
+    def peak(self, shares: Array) -> NDArray[np.uint8]:
+        """Largest share along the planes."""
+        return np.asarray(shares.max(axis=0))
+
+    def contrast(self, shares: Array) -> Float:
+        """Largest less mean share along the planes."""
+        spread = shares.max(axis=0) - shares.mean(axis=0, dtype=np.float32)
+        return np.asarray(spread / np.float32(SHARE_LEVELS), np.float32)
+
+    def put_where(self, volume: Array, mask: Bool, values: Array | float) -> None:
+        """Replace pixels of a volume."""
+        volume[:, mask] = values[:, mask] if isinstance(values, np.ndarray) else values
+
+    def paths(
+        self,
+        signs: Array,
+        shares: Array,
+        weight: Float,
+        guide: Float,
+        *,
+        slope: float,
+        jump: float,
+        sharpness: float,
+        noise: float,
+    ) -> Array:
+        """Energies (H, W, K) summed over the best paths from four sides."""
+        height, width = weight.shape
+        energy = np.empty((height, width, len(signs)), np.int16)
+        self.workers.rows(height, energy_kernels.energy_kernel, signs, shares, weight, energy)
+        total = np.zeros(energy.shape, energy.dtype)
+        penalties = [
+            np.float32(each) for each in (slope * ENERGY_SCALE, jump * ENERGY_SCALE, sharpness, noise)
+        ]
+        for kernel, length in (
+            (energy_kernels.horizontal_kernel, height),
+            (energy_kernels.vertical_kernel, width),
+        ):
+            self.workers.rows(length, kernel, energy, total, guide, *penalties)
+        return total
+
+    def least(self, total: Array) -> Float:
+        """Place of the least total."""
+        position = np.empty(total.shape[:2], np.float32)
+        self.workers.rows(len(position), energy_kernels.decode_kernel, total, position)
+        return position
+
+    def fill_islands(self, position: Float, planes: int, largest: int) -> None:
+        """Fill islands at the ends of the range."""
+        energy_kernels.fill_islands_kernel(position, planes, largest)
+
+    def fit_planes(
+        self,
+        position: Float,
+        signs: Array,
+        shares: Array,
+        weight: Float,
+        guide: Float,
+        *,
+        radius: int,
+        spacing: int,
+        gate: float,
+        prior: float,
+        ridge: float,
+        sharpness: float,
+    ) -> Float:
+        """Minima beside the positions, planes fitted to them, and the lattices of the fits made to agree."""
+        target, strength, fitted = (np.empty_like(position) for _ in "123")
+        height, near, steep = len(position), np.float32(gate), np.float32(sharpness)
+        planar = np.ascontiguousarray(np.moveaxis(guide, 2, 0), np.float32).reshape(-1)
+        energy = (signs, shares, weight)
+        rows = self.workers.rows
+        rows(height, surface_kernels.minima_kernel, *energy, position, np.float32(prior), target, strength)
+        flat = [each.reshape(-1) for each in (position, target, strength)]
+        window, likeness = (radius, spacing), (near, steep, np.float32(ridge))
+        rows(height, surface_kernels.fit_kernel, *flat, planar, guide.shape, window, *likeness, fitted)
+        place = (fitted.reshape(-1), planar, guide.shape, near, steep)
+        rows(height, surface_kernels.even_kernel, *place, target)
+        return target
+
+    # --- depth edges and noise
+
+    def views(self, lf: LightField) -> ViewsAsTheyAre:
+        """The views as they are."""
+        return layout.views_as_they_are(lf)
+
+    def decide_edges(
+        self,
+        views: ViewsAsTheyAre,
+        disparity: Float,
+        surfaces: NearestSurfaces,
+        thresholds: Float,
+        found: Bool,
+        *,
+        jump: float,
+        spread: float,
+        inertia: float,
+    ) -> Float:
+        """Decide every pixel beside an edge once."""
+        decided = disparity.copy()
+        self.workers.rows(
+            len(disparity),
+            edge_kernels.edge_kernel,
+            disparity,
+            views.views,
+            np.float32(views.to_bytes),
+            views.reference,
+            (views.others, views.offsets),
+            surfaces.data,
+            surfaces.margin,
+            surfaces.row_length,
+            thresholds,
+            np.float32(jump),
+            np.float32(spread),
+            np.float32(inertia),
+            decided,
+            found,
+        )
+        return decided
+
+    def median(
+        self,
+        disparity: Float,
+        guide: Float,
+        weight: Float | None,
+        *,
+        radius: int,
+        sigma_colour: float,
+        sigma_space: float,
+    ) -> Float:
+        """Weighted median by sorting networks."""
+        return medians.weighted_median(
+            self.workers, disparity, guide, weight, radius, sigma_colour, sigma_space
+        )
+
+    def residuals(
+        self,
+        views: ViewsAsTheyAre,
+        rows: NDArray[np.int64],
+        columns: NDArray[np.int64],
+        planes: NDArray[np.float64],
+    ) -> Float:
+        """Least difference of each pixel to all views."""
+        least = np.full(len(rows), np.inf, np.float32)
+        others = (views.others, views.offsets)
+        place = (views.views, views.reference, others, rows, columns, planes, least)
+        self.workers.rows(len(rows), noise_kernels.residual_kernel, *place)
+        return least
+
+    # --- pictures from many views
+
+    def seen(self, disparity: Float, offset: tuple[float, float], *, plane: float, jump: float) -> Float:
+        """What a view shows of a map."""
+        front = np.full(disparity.shape, -np.inf, np.float32)
+        focusing_kernels.splat_kernel(front, disparity, plane, *offset, jump)
+        return front
+
+    def gather(
+        self,
+        view: NDArray[Any],
+        offset: tuple[float, float],
+        disparity: Float,
+        total: Float,
+        count: Float,
+        *,
+        front: Float,
+        limit: Float,
+    ) -> None:
+        """Add a view."""
+        place = (total, count, view, *offset, disparity, front, limit)
+        self.workers.rows(len(disparity), focusing_kernels.gather_kernel, *place)
+
+
+def _grey_sampling(stack: GreyStack, disparity: float) -> tuple[Any, ...]:
+    """The kernels' arguments that say how a plane samples grey views."""
+    plane = stack.shifts(disparity)
+    own = stack.reference[0] * stack.grid[1] + stack.reference[1]
+    shape = (*stack.grid, *stack.size, stack.row_length, stack.margin, own)
+    return stack.data, shape, plane.down, plane.across, plane.weights.astype(np.int16), stack.present
+
+
+def _placed_mask(stack: GreyStack, mask: tuple[Array, float] | None) -> tuple[Any, int, tuple[Any, ...]]:
+    """The mask, padded as far as the views sample it, the padding, and the sampling."""
+    offset = 0.0 if mask is None else mask[1]
+    plane = shifts(stack.offsets, offset).limited(stack.size)
+    placing = (plane.down, plane.across, plane.weights.astype(np.int16))
+    if mask is None:
+        return np.empty(0, np.int16), 0, placing
+    foreground = mask[0]
+    if foreground.shape != stack.size:
+        raise LightFieldError(
+            f"mask: found shape {foreground.shape}, expected {stack.size} like the views; resize the mask"
+        )
+    reach, width = plane.reach, stack.size[1]
+    border = ((reach, reach), (reach, reach + layout.round_width(width) - width))
+    return np.pad(foreground.astype(np.int16), border, "edge").reshape(-1), reach, placing
+
+
+def _photo_arguments(
+    stack: ColourStack, disparity: float, thresholds: Array, surfaces: NearestSurfaces | None
+) -> tuple[Any, ...]:
+    """Arguments of `photo_kernel` after its output.
+
+    Sums of differences are whole numbers, so `sum / (C·WHITE) < threshold` is
+    `sum < ceil(threshold·C·WHITE)`; the product is exact in double precision.
+    """
+    plane = stack.shifts(disparity)
+    own = stack.reference[0] * stack.grid[1] + stack.reference[1]
+    return (
+        thresholds,
+        stack.data,
+        (*stack.grid, stack.size[0], stack.channels, stack.row_length, stack.margin, own),
+        plane.down,
+        plane.across,
+        plane.weights.astype(np.int16),
+        stack.present,
+        _placed_visibility(stack, disparity, surfaces),
+        surfaces is not None,
+    )
+
+
+def _placed_visibility(
+    stack: ColourStack, disparity: float, surfaces: NearestSurfaces | None
+) -> tuple[Any, ...]:
+    """The kernel's arguments that say where a plane samples the nearest surfaces: at the nearest pixel.
+
+    A pixel in front of the plane is voted on by all views: its surface hides the plane in every one, and must
+    go on saying that it is in front.
+    """
+    if surfaces is None:
+        none = np.empty(0, np.int16)
+        nowhere = np.empty((0, 0), np.int64)
+        return none, none, nowhere, nowhere, none.reshape(0, 0), 0
+    down, across = nearest_pixels(stack.offsets, disparity)
+    front = (surfaces.disparity > disparity + VISIBILITY_MARGIN).astype(np.int16)
+    return surfaces.data, surfaces.rows, down, stack.inside(across), front, plane_horizon(disparity)

@@ -1,0 +1,1 @@
+"""Kernels: functions over rows of an image, compiled by numba; only the engine calls them."""

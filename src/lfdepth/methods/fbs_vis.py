@@ -1,0 +1,151 @@
+"""FBS-VIS, the default: signs and photo-consistency in one energy, with exact visibility."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfdepth.blocks.edges import DepthEdges, EdgeRule
+from lfdepth.blocks.energy import JointEnergy, JointRule
+from lfdepth.blocks.smoothing import GuidedFilter, guide_image
+from lfdepth.blocks.sweep import smoothed_votes
+from lfdepth.blocks.voting import VoteRule
+from lfdepth.methods import common
+from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
+from lfdepth.methods.parameters import Real, Switch, Whole
+
+
+@dataclass(frozen=True, kw_only=True)
+class FbsVis(Method):
+    """Signs say where a surface is between planes, shares of views that agree in colour say at which.
+
+    Both go into one energy, smoothed along scanlines. A first map says which views see each pixel; its depth
+    edges are decided by what those views show, and the shares are counted again in them alone.
+    docs/fbs-vis.md explains every block.
+    """
+
+    info: ClassVar = MethodInfo(
+        name="fbs-vis",
+        summary="Signs and photo-consistency in one energy, with exact visibility (the default).",
+        reference="docs/fbs-vis.md",
+    )
+
+    step: common.Step = 0.07
+    planes: common.Planes = None
+    delta: common.Delta = "photo"
+    threshold: common.Threshold = 0.03
+    gradient: common.Gradient = "central"
+    guide: common.Guide = "colour"
+    radius: common.Radius = 3
+    photo_radius: Annotated[
+        int, Whole("Radius of the guided filter for the shares of views.", ge=1, le=1000, unit="px")
+    ] = 2
+    epsilon: common.Epsilon = 2e-6
+    normalise: common.Normalise = True
+    photo_weight: Annotated[
+        float,
+        Real("Weight of the shares of views.", ge=0, le=100, unit="px per view step", symbol="λ"),
+    ] = 1.0
+    slope_penalty: Annotated[
+        float, Real("Cost of a change by one plane between neighbouring pixels.", ge=0, le=100)
+    ] = 0.3
+    jump_penalty: Annotated[
+        float, Real("Cost of any larger change between neighbouring pixels.", ge=0, le=2)
+    ] = 2.0
+    fit_radius: Annotated[
+        int,
+        Whole(
+            "Radius of the planes that place disparities between planes; 0: none.",
+            ge=0,
+            le=50,
+            even=True,
+            unit="px",
+        ),
+    ] = 8
+    visibility: Annotated[
+        bool,
+        Switch(
+            "Count shares a second time in the views that see each pixel, and decide depth edges; off "
+            "leaves the "
+            "map of all views."
+        ),
+    ] = True
+    gloss: Annotated[bool, Switch("Where highlights wander over a surface, decide by high-passed views.")] = (
+        True
+    )
+    edge_passes: Annotated[
+        int, Whole("Passes over the depth edges; each moves them by at most a pixel.", ge=0, le=100)
+    ] = 3
+
+    def check(self, shape: Shape) -> None:
+        """Windows have to fit the views."""
+        common.check_windows(shape, self.radius, self.photo_radius)
+
+    def memory(self, shape: Shape, planes: NDArray[np.float64], sample_bytes: int) -> int:
+        """Half of the views in colour, grey views or nearest surfaces, and 9 bytes per plane and pixel."""
+        v, u, height, width, channels = shape
+        padded = width + 31 + 2 * (min(float(np.abs(planes).max()) * (u // 2), width) + 3)
+        held = min(v * u, max(v * u // 2 + 9, 25))
+        colours = held * height * padded * channels * min(sample_bytes, 2)
+        return int(colours + common.sweep_bytes(shape, planes) + 9 * len(planes) * height * width)
+
+    def halo(self) -> int:
+        """Two windows of the filters, and a fit; paths carry farther, ever more weakly."""
+        return max(2 * self.radius, 2 * self.photo_radius, self.fit_radius + 1)
+
+    def run(self, problem: Problem, work: Work) -> Maps:
+        """A first map, its visibility and edges, the second count, gloss, and the map."""
+        lf, planes, engine, trace = problem.lf, problem.planes, work.engine, work.trace
+        trace.steps(len(planes) + 1 + self.visibility * (len(planes) + self.gloss + 2))
+        rule = VoteRule(self.delta, self.threshold, self.gradient)
+        with trace.block("preparation"):
+            guide = guide_image(lf, self.guide)
+            smoothing = GuidedFilter(guide, self.radius, self.epsilon, engine=engine)
+            energy = self._energy(problem, guide, work)
+            edges = DepthEdges(lf, EdgeRule(passes=self.edge_passes), engine=engine, trace=trace)
+
+        for index, smoothed in smoothed_votes(
+            lf, planes, rule, smoothing, normalise=self.normalise, engine=engine, trace=trace
+        ):
+            energy.update(index, smoothed)
+            trace.step("plane")
+        disparity, confidence = energy.decide()
+        if not self.visibility:
+            trace.step("decision")
+            return Maps(disparity, confidence)
+        with trace.block("edges"):
+            # One pass will do for a map that only says which views see what.
+            first = edges.decide(disparity, passes=1)
+        trace.take("first map", lambda: first)
+        trace.step("first map")
+
+        for _ in energy.recount(first):
+            trace.step("second count")
+        if self.gloss:
+            with trace.block("gloss"):
+                energy.replace_glossy()
+            trace.step("gloss")
+        disparity, confidence = energy.decide()
+        trace.step("decision")
+        with trace.block("edges"):
+            disparity = edges.decide(disparity)
+            confidence = edges.lower_confidence(confidence, disparity)
+        trace.step("edges")
+        return Maps(disparity, confidence)
+
+    def _energy(self, problem: Problem, guide: NDArray[np.float32], work: Work) -> JointEnergy:
+        """The energy, on every second plane until the first map, where there is a second count."""
+        rule = JointRule(
+            photo_weight=self.photo_weight,
+            slope_penalty=self.slope_penalty,
+            jump_penalty=self.jump_penalty,
+            fit_radius=self.fit_radius,
+        )
+        smoothing = GuidedFilter(guide, self.photo_radius, self.epsilon, engine=work.engine)
+        stride = 2 if self.visibility else 1
+        return JointEnergy(
+            problem.lf, problem.planes, smoothing, rule, stride=stride, engine=work.engine, trace=work.trace
+        )

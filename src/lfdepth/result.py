@@ -1,0 +1,49 @@
+"""What an estimate gives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from lfdepth.methods.base import Method
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """A disparity map with its evidence.
+
+    Attributes
+    ----------
+    disparity
+        (H, W) float32, px per view step, positive nearer.
+    confidence
+        (H, W) float32 in [0, 1]: how far the evidence speaks for the disparity.
+    range
+        (min, max) disparity that was searched.
+    planes
+        Number of planes that were searched; 0 for a method without planes.
+    runtime
+        Seconds for the estimate, reading and compiling excluded where they came before.
+    method
+        The method with all its parameters.
+    engine
+        Name of the engine.
+    version
+        Version of lfdepth.
+    range_found
+        Whether the range was found from the views, for want of a given one.
+    """
+
+    disparity: NDArray[np.float32]
+    confidence: NDArray[np.float32]
+    range: tuple[float, float]
+    planes: int
+    runtime: float
+    method: Method
+    engine: str
+    version: str
+    range_found: bool = False
