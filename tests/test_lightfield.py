@@ -138,7 +138,11 @@ DEFAULTS: dict[str, Any] = {"views": GOOD, "name": "cotton"}
         ({"disparity_range": (float("nan"), 1.0)}, r"range: found \[nan, 1\]"),
         ({"truth": MAP[1:]}, r"truth is float32 \(4, 6\); expected float32 \(5, 6\)"),
         ({"truth": MAP.astype(np.float64)}, "truth is float64"),
-        ({"truth": MAP + np.float32(np.nan)}, "truth holds NaN"),
+        (
+            {"positions": np.zeros((3, 4, 1))},
+            r"positions are float64 \(3, 4, 1\); expected float64 \(3, 4, 2\)",
+        ),
+        ({"positions": np.ones((3, 4, 2))}, "not 0 for the reference view"),
         ({"masks": {"planes": MAP}}, r"mask 'planes' is float32 \(5, 6\); expected bool"),
         ({"present": np.ones((3, 3), bool)}, r"present is bool \(3, 3\); expected bool \(3, 4\)"),
         ({"present": np.zeros((3, 4), bool)}, r"reference view \(1, 2\) is absent"),
