@@ -32,6 +32,8 @@ _LAYOUTS = {
 # Where MATLAB may have written the file: the same lengths, read as MATLAB's.
 _REVERSED = {"HWVU": "WHUV", "HWN": "WHN"}
 _ALPHA = 4
+# Pictures are at most so many times longer than wide, where that decides.
+_SLIMMEST = 4
 
 # What the truth is called in others' files, and nothing after it but where and of what.
 _TRUTH = re.compile(
@@ -241,8 +243,13 @@ def _is_likely(axes: str, shape: tuple[int, ...], layout: Layout) -> bool:
         return True
     count = shape[axes.index("N")]
     squares = layout.grid is None and isqrt(count) ** 2 == count
-    # Three colours and a size that is no size: rather a grid of grey views.
-    return pixels > 4 and (squares or (layout.grid is not None and layout.grid[0] * layout.grid[1] == count))
+    longest = max(shape[axes.index(axis)] for axis in "HW")
+    # Three rows and views that would be a few pixels wide: rather a grid of grey views.
+    return (
+        longest <= _SLIMMEST * pixels
+        and pixels > _ALPHA
+        and (squares or (layout.grid is not None and layout.grid[0] * layout.grid[1] == count))
+    )
 
 
 def _order_remark(axes: str) -> str:
