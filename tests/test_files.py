@@ -19,9 +19,11 @@ from PIL import Image
 from scipy.io import savemat
 
 import lfdepth
+from fields import quantise, two_planes
 from lfdepth.cli import main
 from lfdepth.errors import LightFieldError
 from lfdepth.io import read, read_truth
+from lfdepth.lightfield import LightField
 
 Views = NDArray[Any]
 
@@ -89,9 +91,9 @@ def test_white_level_by_hand_overrules(tmp_path: Path, capsys: pytest.CaptureFix
     np.testing.assert_array_equal(read(tmp_path / "lf.npy", white_level=65535).views[..., 0], views)
     assert main(["info", str(tmp_path / "lf.npy"), "--no-check", "--white-level", "3000", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["white_level"] == 3000
-    for level in (0, -1, float("nan"), 65536):
+    for impossible in (0, -1, float("nan"), 65536):
         with pytest.raises(LightFieldError, match="white level"):
-            read(tmp_path / "lf.npy", white_level=level)
+            read(tmp_path / "lf.npy", white_level=impossible)
 
 
 def test_white_by_metadata(tmp_path: Path) -> None:
@@ -707,3 +709,64 @@ def test_truth_that_cannot_be(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "t.dat")
     with pytest.raises(LightFieldError, match=r"unknown ending \.dat"):
         read_truth(tmp_path / "t.dat")
+
+
+@pytest.mark.parametrize("given", ["{file}", "hill={file}"])
+def test_truth_for_a_bench(tmp_path: Path, given: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Scores of another program's map against truth that is known: half of the pixels are 0.2 px off."""
+    truth = np.linspace(-1, 1, 40 * 44, dtype=np.float32).reshape(40, 44)
+    lfdepth.write(tmp_path / "truth.tif", truth)
+    (tmp_path / "theirs").mkdir()
+    lfdepth.write(tmp_path / "theirs" / "hill.pfm", truth + np.where(np.arange(44) < 22, 0, 0.2).astype("f4"))
+    (tmp_path / "theirs" / "hill.txt").write_text("1.0")
+    folder = tmp_path / "scene" / "hill"
+    save_all(folder, "{v}_{u}.png", random_views(3, 3, 40, 44))
+    words = [str(folder), "--truth", given.format(file=tmp_path / "truth.tif")]
+    words += ["--external", str(tmp_path / "theirs"), "--methods", "fbs:planes=3"]
+    assert main(["bench", *words, "-o", str(tmp_path / "out"), "--json"]) in (0, 1)
+    capsys.readouterr()
+    results = json.loads((tmp_path / "out" / "results.json").read_text())["results"]
+    scored = {each["method"]: each["scores"] for each in results}
+    assert scored["theirs"]["badpix_0.07"] == pytest.approx(50)
+    assert main(["bench", str(folder), "--truth", "dale=x.pfm", "-o", str(tmp_path / "out2")]) == 2
+    assert "0 of 1 scenes fit; expected SCENE=FILE with one of hill" in capsys.readouterr().err
+
+
+# Two views, and two by two
+
+
+@pytest.mark.parametrize("grid", [(1, 2), (2, 1), (2, 2)])
+@pytest.mark.parametrize("name", ["lf.npy", "lf.npz", "lf.h5", "lf.zarr", "lf.mat", "lf.tif", "folder"])
+def test_two_views_are_read_and_written(
+    tmp_path: Path, grid: tuple[int, int], name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    views = random_views(*grid, 12, 14, 3)
+    save_all(tmp_path / "pair", "v{v}_u{u}.png", views)
+    source, target = str(tmp_path / "pair"), str(tmp_path / name)
+    assert main(["convert", source, target]) == 0
+    np.testing.assert_array_equal(read(target).views, views)
+    capsys.readouterr()
+    assert main(["info", target, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["shape"] == [*grid, 12, 14, 3]
+
+
+@pytest.mark.parametrize("grid", [(1, 2), (2, 1), (2, 2)])
+@pytest.mark.parametrize(
+    ("method", "median", "wrong"),
+    [("fbs", 0.03, 0.062), ("fbs-sfa", 0.03, 0.036), ("fbsocc-sfa", 0.03, 0.036), ("fbs-vis", 0.0115, 0.011)],
+)
+def test_two_views_are_estimated(grid: tuple[int, int], method: str, median: float, wrong: float) -> None:
+    """A wall and a rectangle 1.4 px in front of it: found to a quarter of that but for a few pixels."""
+    views, truth = two_planes(np.random.default_rng(4), grid, (72, 88))
+    lf = LightField(quantise(views[..., None], "uint8"))
+    found = lfdepth.estimate(lf, method, range=(-1.5, 1.5))
+    error = np.abs(found.disparity - truth)[6:-6, 6:-6]
+    assert np.median(error) < median
+    assert (error > 0.35).mean() < wrong
+
+
+def test_the_range_of_two_views_is_found() -> None:
+    views, truth = two_planes(np.random.default_rng(4), (1, 2), (72, 88))
+    low, high = lfdepth.estimate(LightField(quantise(views[..., None], "uint8")), "fbs-sfa").range
+    assert low < truth.min() < truth.max() < high
+    assert high - low < 2

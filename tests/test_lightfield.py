@@ -128,8 +128,8 @@ DEFAULTS: dict[str, Any] = {"views": GOOD, "name": "cotton"}
     [
         ({"views": GOOD[0]}, r"shape \(4, 5, 6, 3\); expected \(V, U, H, W, C\)"),
         ({"views": GOOD[..., :2]}, "C = 1 or 3"),
-        ({"views": GOOD[:2]}, "one or at least 3 rows and columns"),
-        ({"views": GOOD[:, :, :0]}, "one or at least 3 rows and columns of views with pixels"),
+        ({"views": GOOD[:1, :1]}, "expected at least two views, with pixels; add views"),
+        ({"views": GOOD[:, :, :0]}, "expected at least two views, with pixels; add views"),
         ({"views": GOOD.astype(np.float64)}, "views are float64; expected uint8, uint16 or float32"),
         ({"views": GOOD.astype(np.float32)}, r"float views span \[.*\]; expected finite values in \[0, 1\]"),
         ({"views": np.full((3, 3, 2, 2, 1), np.nan, np.float32)}, "float views span"),

@@ -16,9 +16,6 @@ from lfdepth.errors import LightFieldError
 FULL_SCALE: Mapping[str, float] = {"uint8": 255.0, "uint16": 65535.0, "float32": 1.0}
 """The value of white for each sample type that views may have."""
 
-MIN_VIEWS = 3
-"""Fewest views along an axis of the grid that has more than one."""
-
 # Rec. 601 luma: what published methods of this family mean by "grey".
 _LUMA = np.array([0.299, 0.587, 0.114], dtype=np.float32)
 
@@ -242,12 +239,9 @@ class LightField:
             raise self._error(
                 f"views have shape {views.shape}", "(V, U, H, W, C) with C = 1 or 3", "reorder the axes"
             )
-        few = any(n < MIN_VIEWS and n != 1 for n in views.shape[:2]) or views.shape[:2] == (1, 1)
-        if few or 0 in views.shape:
+        if views.shape[:2] == (1, 1) or 0 in views.shape:
             raise self._error(
-                f"views have shape {views.shape}",
-                f"one or at least {MIN_VIEWS} rows and columns of views with pixels, and not a single view",
-                "add views",
+                f"views have shape {views.shape}", "at least two views, with pixels", "add views"
             )
         if views.dtype.name not in FULL_SCALE:
             raise self._error(f"views are {views.dtype}", "uint8, uint16 or float32", "convert them")
