@@ -165,6 +165,21 @@ def test_time_stamps_with_a_grid(tmp_path: Path) -> None:
         read(tmp_path)
 
 
+def test_numbers_that_go_together_count_once(tmp_path: Path) -> None:
+    """Bursts of phones: both numbers count the pictures. They are no diagonal of a grid."""
+    for n, view in enumerate(VIEWS.reshape(25, *VIEWS.shape[2:])):
+        save(tmp_path / f"{n:05d}IMG_{n:05d}_BURST20260101{'_COVER' if n == 0 else ''}.png", view)
+    np.testing.assert_array_equal(read(tmp_path).views, VIEWS)
+
+
+def test_times_in_two_numbers_are_no_huge_grid(tmp_path: Path) -> None:
+    for n, time in enumerate([(20260101, 235959123), (20260101, 235959999), (20260102, 1000457)]):
+        save(tmp_path / f"PXL_{time[0]}_{time[1]:09d}.png", VIEWS[0, n])
+    with pytest.raises(LightFieldError, match=r"3 pictures whose names .*--grid COLUMNSxROWS"):
+        read(tmp_path)
+    np.testing.assert_array_equal(read(tmp_path, grid=(1, 3)).views[0], VIEWS[0, :3])
+
+
 def test_dates_and_times_with_a_grid(tmp_path: Path) -> None:
     for n, view in enumerate(VIEWS.reshape(25, *VIEWS.shape[2:])):
         save(tmp_path / f"PXL_202601{1 + n // 10:02d}_{7 * n % 10 + 10 * n}{n}.png", view)
@@ -315,6 +330,19 @@ def test_wrong_tables_are_named(tmp_path: Path, text: str, message: str) -> None
     (tmp_path / "table.csv").write_text(text)
     with pytest.raises(LightFieldError, match=message):
         read(tmp_path / "lf.npy", positions=tmp_path / "table.csv")
+
+
+def test_positions_tell_that_views_are_out_of_order(tmp_path: Path) -> None:
+    lines = [f"{v},{u},{v},{u if v % 2 == 0 else 4 - u}" for v, u in np.ndindex(3, 5)]
+    (tmp_path / "table.csv").write_text("\n".join(lines))
+    np.save(tmp_path / "lf.npy", GREY)
+    with pytest.raises(LightFieldError, match=r"view steps .*; every second row runs back \(--serpentine"):
+        read(tmp_path / "lf.npy", positions=tmp_path / "table.csv")
+    assert read(tmp_path / "lf.npy", positions=tmp_path / "table.csv", serpentine=True).positions is None
+    lines[3], lines[7] = "0,3,1,2", "1,2,0,3"  # two views that were swapped
+    (tmp_path / "table.csv").write_text("\n".join(lines))
+    with pytest.raises(LightFieldError, match=r"view steps .*; correct the order of the views, or the table"):
+        read(tmp_path / "lf.npy", positions=tmp_path / "table.csv", serpentine=True)
 
 
 def test_serpentine_order(tmp_path: Path) -> None:
@@ -498,6 +526,9 @@ def test_imagej_hyperstack_with_colour_as_grey_pages(tmp_path: Path, dtype: str)
     pages = views.transpose(0, 1, 4, 2, 3)  # T, Z, C, Y, X
     tifffile.imwrite(tmp_path / "stack.tif", pages, imagej=True, metadata={"axes": "TZCYX"})
     np.testing.assert_array_equal(read(tmp_path / "stack.tif").views, views)
+    large = tmp_path / "large.tif"  # as ImageJ writes stacks of gigabytes: a single page is described
+    tifffile.imwrite(large, pages, imagej=True, truncate=True, metadata={"axes": "TZCYX"})
+    np.testing.assert_array_equal(read(large).views, views)
     one_by_one = tmp_path / "counted.tif"
     tifffile.imwrite(one_by_one, pages.reshape(15, 3, 12, 14), imagej=True, metadata={"axes": "TCYX"})
     np.testing.assert_array_equal(read(one_by_one, grid=(3, 5)).views, views)

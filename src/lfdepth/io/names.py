@@ -149,7 +149,9 @@ def place_views(path: Path, names: Sequence[Name], layout: Layout) -> tuple[list
     fields = _varying(names) if alike else []
     if len(fields) == 2:
         positions, grid = _by_row_and_column(names, fields)
-        if grid[0] * grid[1] == len(set(positions)) == len(names) or not _fits(layout, len(names)):
+        complete = grid[0] * grid[1] == len(set(positions)) == len(names)
+        # A cross of n views has a grid of less than n² places; more are dates and times.
+        if complete or (not _fits(layout, len(names)) and grid[0] * grid[1] <= len(names) ** 2):
             check_grid(path, grid, layout)
             return positions, grid
     elif len(fields) == 1 and not _uneven(names, fields[0], layout):
@@ -239,8 +241,15 @@ def _pattern_of(names: Sequence[Name]) -> str:
 
 
 def _varying(names: Sequence[Name]) -> list[int]:
-    """Which of the numbers differ between names that are alike otherwise."""
-    return [i for i in range(len(names[0].numbers)) if len({name.numbers[i] for name in names}) > 1]
+    """Which numbers differ between names that are alike otherwise; those that go together count once."""
+    fields: list[int] = []
+    counts: list[list[int]] = []
+    for field in range(len(names[0].numbers)):
+        ranks = _ranks([name.numbers[field] for name in names])
+        if max(ranks) > 0 and ranks not in counts:
+            fields.append(field)
+            counts.append(ranks)
+    return fields
 
 
 def _fits(layout: Layout, count: int) -> bool:

@@ -19,6 +19,8 @@ TABLE = "positions.csv"
 
 # Closer than this share of a view step, a grid is regular: 0.01 px at a disparity of 10 px.
 _REGULAR = 1e-3
+# Further off, a camera is nearer to another one's place: views are in another order.
+_IN_PLACE = 0.75
 _COLUMNS = ("v", "u", "y", "x")
 
 
@@ -84,7 +86,8 @@ def off_the_grid(positions: Array, present: npt.NDArray[np.bool_] | None, what: 
     Raises
     ------
     LightFieldError
-        If a view has no position, or views of different places have the same.
+        If a view has no position, views of different places have the same, or cameras stand so far off that
+        the views' order is wrong.
     """
     there = np.ones(positions.shape[:2], bool) if present is None else present
     lacking = there & ~np.isfinite(positions).all(axis=-1)
@@ -105,7 +108,24 @@ def off_the_grid(positions: Array, present: npt.NDArray[np.bool_] | None, what: 
     offsets = min(known, key=lambda fit: float(np.abs(fit).max()))
     offsets -= offsets[positions.shape[0] // 2, positions.shape[1] // 2]
     offsets[~there] = 0
-    return None if np.abs(offsets).max() < _REGULAR else offsets
+    furthest = float(np.abs(offsets).max())
+    if furthest > _IN_PLACE:
+        raise LightFieldError(
+            f"{what}: cameras stand up to {furthest:.2g} view steps from their place in the grid; "
+            "expected less "
+            f"than {_IN_PLACE:g}; {_remedy(positions, there)}"
+        )
+    return None if furthest < _REGULAR else offsets
+
+
+def _remedy(positions: Array, there: npt.NDArray[np.bool_]) -> str:
+    """What puts views in order whose cameras stand far off their places, if it is known."""
+    back = positions.copy()
+    back[1::2] = back[1::2, ::-1]
+    fits = [_fit(back[..., order], there) for order in ([0, 1], [1, 0])]
+    if there.all() and any(fit is not None and np.abs(fit).max() < _IN_PLACE for fit in fits):
+        return "every second row runs back (--serpentine)"
+    return "correct the order of the views, or the table of positions"
 
 
 def _fit(positions: Array, there: npt.NDArray[np.bool_]) -> Array | None:

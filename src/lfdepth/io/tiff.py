@@ -116,6 +116,9 @@ class _Stored:
         Distance between the pages of a view's colours.
     white
         Value of white that the file states.
+    planes
+        All pixels, (pages, ...), where the file describes one page and leaves all others right behind it, as
+        ImageJ does with large stacks.
     """
 
     series: Any
@@ -124,6 +127,7 @@ class _Stored:
     axes: tuple[int, ...]
     apart: int
     white: float | None
+    planes: Any = None
 
     @staticmethod
     def of(file: Any) -> _Stored:
@@ -139,7 +143,13 @@ class _Stored:
         at = names.index("C") if described and "C" in names and "S" not in series.axes else None
         colours = lengths.pop(at) if at is not None else 1
         apart = 1 if at is None else prod(length for _, length in outer[at + 1 :])
-        return _Stored(series, count, colours, tuple(lengths), apart, _white(file))
+        planes = None
+        if len(series.pages) != count:
+            first, order = series.pages[0], file.byteorder
+            shape = (count, *first.shape)
+            kind = np.dtype(first.dtype).newbyteorder(order)
+            planes = np.memmap(file.filehandle.path, kind, "r", series.dataoffset, shape)
+        return _Stored(series, count, colours, tuple(lengths), apart, _white(file), planes)
 
     @property
     def views(self) -> int:
@@ -154,12 +164,9 @@ class _Stored:
 
     def page(self, number: int) -> tuple[npt.NDArray[Any], str]:
         """Pixels of a page, and their mode."""
-        if len(self.series.pages) == self.pages:
+        if self.planes is None:
             return decode_page(self.series.pages[number])
-        # ImageJ describes one page and leaves all others right behind it.
-        first = self.series.pages[0]
-        pixels = np.asarray(self.series.asarray(out="memmap")).reshape(self.pages, *first.shape)[number]
-        return decode_page(_Plane(first, pixels))
+        return decode_page(_Plane(self.series.pages[0], self.planes[number]))
 
 
 class _Plane:
