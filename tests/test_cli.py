@@ -465,10 +465,6 @@ BAD_SCENES: dict[str, tuple[Spoil, list[str]]] = {
         ["scene/input_Cam004.png"],
     ),
     "truncated truth": (lambda s: truncate(s / "gt_disp_lowres.pfm"), ["scene/gt_disp_lowres.pfm"]),
-    "NaN in the truth": (
-        lambda s: (s / "gt_disp_lowres.pfm").write_bytes(nan_map()),
-        ["scene/gt_disp_lowres.pfm", "1 of 2304 values are NaN or infinite", "repair"],
-    ),
     "garbled parameters": (
         lambda s: (s / "parameters.cfg").write_text("no section\n\0"),
         ["scene/parameters.cfg", "garbled", "[intrinsics]", "restore"],

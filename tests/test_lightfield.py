@@ -128,8 +128,8 @@ DEFAULTS: dict[str, Any] = {"views": GOOD, "name": "cotton"}
     [
         ({"views": GOOD[0]}, r"shape \(4, 5, 6, 3\); expected \(V, U, H, W, C\)"),
         ({"views": GOOD[..., :2]}, "C = 1 or 3"),
-        ({"views": GOOD[:2]}, "one or at least 3 rows and columns"),
-        ({"views": GOOD[:, :, :0]}, "one or at least 3 rows and columns of views with pixels"),
+        ({"views": GOOD[:1, :1]}, "expected at least two views, with pixels; add views"),
+        ({"views": GOOD[:, :, :0]}, "expected at least two views, with pixels; add views"),
         ({"views": GOOD.astype(np.float64)}, "views are float64; expected uint8, uint16 or float32"),
         ({"views": GOOD.astype(np.float32)}, r"float views span \[.*\]; expected finite values in \[0, 1\]"),
         ({"views": np.full((3, 3, 2, 2, 1), np.nan, np.float32)}, "float views span"),
@@ -138,7 +138,11 @@ DEFAULTS: dict[str, Any] = {"views": GOOD, "name": "cotton"}
         ({"disparity_range": (float("nan"), 1.0)}, r"range: found \[nan, 1\]"),
         ({"truth": MAP[1:]}, r"truth is float32 \(4, 6\); expected float32 \(5, 6\)"),
         ({"truth": MAP.astype(np.float64)}, "truth is float64"),
-        ({"truth": MAP + np.float32(np.nan)}, "truth holds NaN"),
+        (
+            {"positions": np.zeros((3, 4, 1))},
+            r"positions are float64 \(3, 4, 1\); expected float64 \(3, 4, 2\)",
+        ),
+        ({"positions": np.ones((3, 4, 2))}, "not 0 for the reference view"),
         ({"masks": {"planes": MAP}}, r"mask 'planes' is float32 \(5, 6\); expected bool"),
         ({"present": np.ones((3, 3), bool)}, r"present is bool \(3, 3\); expected bool \(3, 4\)"),
         ({"present": np.zeros((3, 4), bool)}, r"reference view \(1, 2\) is absent"),

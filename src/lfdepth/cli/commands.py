@@ -163,7 +163,7 @@ def evaluate(
         Disparity map of the reference view: .pfm, .npy, .npz, .tif, .exr, .zarr, or .png with its .json. The
         confidence that .npz, .zarr and .exr hold is scored as well.
     scene
-        Light field with truth, such as a benchmark folder with gt_disp_lowres.pfm.
+        Light field with truth, such as a benchmark folder with gt_disp_lowres.pfm, or with --truth FILE.
     error_map
         Also write the signed error as a picture, .png: red = too near, blue = too far.
     """
@@ -176,7 +176,8 @@ def evaluate(
         check_picture(error_map, apart_from=result)
     disparity = read_disparity(result, finite=False)
     lf, unusable = read_scene(scene, reading.read)
-    high = read_high_resolution(scene) if scene.is_dir() and reading.keeps_size else None
+    beside = scene.is_dir() and reading.keeps_size and reading.truth is None
+    high = read_high_resolution(scene) if beside else None
     scores = lfdepth.evaluate(disparity, lf, confidence=read_confidence(result), high=high, unusable=unusable)
     for reason in [*unusable.values(), *(high.unusable.values() if high else ())]:
         print(f"mask left out: {reason}", file=sys.stderr)

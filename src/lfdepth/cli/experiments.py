@@ -30,6 +30,7 @@ def bench(
     methods: Annotated[tuple[str, ...], Several] = (),
     settings: Annotated[tuple[str, ...], Several] = (),
     plan: Path | None = None,
+    truth: Annotated[tuple[str, ...], Several] = (),
     external: Annotated[tuple[Path, ...], Several] = (),
     compare: Annotated[tuple[str, str] | None, Parameter(metavar="A B")] = None,
     published: bool = True,
@@ -58,6 +59,8 @@ def bench(
         Parameters as in step=0.02,skip=7; each of these sets is tried with every one of the methods.
     plan
         TOML file with scenes, methods, settings and external, besides those given here.
+    truth
+        Truth that is not beside the views, SCENE=FILE for each scene, or FILE for a single one.
     external
         Folders with maps of other programs, SCENE.pfm, and run times in seconds, SCENE.txt.
     compare
@@ -67,7 +70,7 @@ def bench(
     threads
         Number of threads; every processor by default.
     """
-    from lfdepth.bench.plan import Plan, cross, parameters, read_plan, setting
+    from lfdepth.bench.plan import Plan, cross, parameters, read_plan, setting, with_truth
     from lfdepth.bench.run import bench as run_bench
     from lfdepth.bench.tables import markdown, tables
     from lfdepth.cli.progress import Progress
@@ -77,7 +80,7 @@ def bench(
     tried = cross(map(setting, named), [parameters(each) for each in settings] or [{}])
     with Progress() as progress:
         result = run_bench(
-            [*planned.scenes, *scenes],
+            [*planned.scenes, *with_truth(scenes, truth)],
             [*planned.settings, *tried],
             output,
             external=[*planned.external, *external],

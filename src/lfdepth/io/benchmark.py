@@ -76,7 +76,7 @@ def open_benchmark(path: Path, layout: Layout) -> ViewSource:
         present=present,
         camera=parameters.camera if parameters else None,
         disparity_range=parameters.disparity_range if parameters else None,
-        truth=checked_map(read_pfm(path / _TRUTH), str(path / _TRUTH)) if (path / _TRUTH).exists() else None,
+        truth=_read_truth(path / _TRUTH),
         masks=_read_masks(path),
         name=path.resolve().name,
     )
@@ -246,6 +246,11 @@ def _check_resolution(file: Path, camera: Camera) -> None:
             f"{file}: {width}x{height} px; expected {camera.width}x{camera.height} as {_CONFIG} says; "
             "correct image_resolution_x_px and image_resolution_y_px, or the views"
         )
+
+
+def _read_truth(file: Path) -> npt.NDArray[np.float32] | None:
+    """The truth, which may have gaps; None if there is none."""
+    return checked_map(read_pfm(file), str(file), finite=False) if file.exists() else None
 
 
 def _read_masks(path: Path) -> dict[str, npt.NDArray[np.bool_]]:

@@ -1,4 +1,4 @@
-"""OpenEXR maps: disparity as luminance (channel Y), depth as channel Z, which is what it is called there."""
+"""OpenEXR: views, and maps: disparity as luminance (channel Y), depth as channel Z, as it is called there."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from lfdepth.errors import LightFieldError
 from lfdepth.io import stack
 from lfdepth.io.atomic import atomic
 from lfdepth.io.extras import need
@@ -43,3 +44,44 @@ def read_exr(path: Path) -> dict[str, npt.NDArray[Any]]:
         raise stack.unreadable(path, error) from None
     quantities = {channel: quantity for quantity, channel in _CHANNELS.items()}
     return {quantities.get(name, name): pixels for name, pixels in channels.items()}
+
+
+def read_colours(path: Path) -> tuple[npt.NDArray[np.float32], str]:
+    """Read the colours of a picture: channels R, G and B, or Y.
+
+    Of several layers, the one without a name counts, or the one called Combined, as Blender calls it.
+
+    Returns
+    -------
+    pixels : ndarray, shape (H, W, C)
+        float32.
+    mode : str
+        "L" or "RGB", or with alpha "LA" or "RGBA".
+
+    Raises
+    ------
+    LightFieldError
+        If OpenEXR is not installed, the file is damaged, or has no such channels.
+    """
+    openexr = need("OpenEXR", "exr", path)
+    try:
+        with openexr.File(str(path), separate_channels=True) as file:
+            channels = {name: np.asarray(channel.pixels) for name, channel in file.channels().items()}
+    except Exception as error:  # the library raises RuntimeError and others
+        raise stack.unreadable(path, error) from None
+    layers = {name.rpartition(".")[0] for name in channels}
+    for layer in sorted(layers, key=lambda name: (name != "", not name.endswith("Combined"), name)):
+        named = {
+            name.rpartition(".")[2]: each
+            for name, each in channels.items()
+            if name.rpartition(".")[0] == layer
+        }
+        for mode, names in (("RGB", "RGB"), ("L", "Y")):
+            if set(names) <= set(named):
+                taken = [named[name] for name in (names + "A" if "A" in named else names)]
+                return np.stack(taken, axis=-1).astype(np.float32), f"{mode}A" if "A" in named else mode
+    raise LightFieldError(
+        f"{path}: channels {', '.join(sorted(channels)) or 'none'}; expected R, G and B, or Y; if it is "
+        "no view, "
+        "say which pictures are (--pattern)"
+    )
