@@ -21,10 +21,13 @@ class Layout:
         (V, U), rows and columns of views as they are stored.
     partial : bool
         Absent views are meant, whatever pattern they form.
+    without_masks : set of str
+        Names of masks that are not to be read.
     """
 
     grid: tuple[int, int] | None = None
     partial: bool = False
+    without_masks: frozenset[str] = frozenset()
 
     def of_count(self, count: int, what: str) -> tuple[int, int]:
         """Grid of views that are only numbered: as asked for, else a square.
