@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
-from lfdepth.scoring.truth import HighResolution, read_high_resolution, read_scene
+from lfdepth.truth import HighResolution
 
 if TYPE_CHECKING:
     from lfdepth.methods import Method
@@ -115,19 +115,19 @@ class SceneSpec:
 
     def high(self) -> HighResolution | None:
         """High-resolution truth beside the views, or of a procedural scene, where there is one."""
-        from lfdepth import scenes
+        from lfdepth import io, scenes
 
         if isinstance(self.source, LightField) or self.truth is not None:
             return None
         if _is_procedural(self.source):
             return scenes.high_resolution(str(self.source))
-        return read_high_resolution(self.source) if Path(self.source).is_dir() else None
+        return io.read_high_resolution(self.source) if Path(self.source).is_dir() else None
 
 
 def _read(source: Path | str) -> tuple[LightField, dict[str, str]]:
     from lfdepth import io, scenes
 
-    return (scenes.render(str(source)), {}) if _is_procedural(source) else read_scene(Path(source), io.read)
+    return (scenes.render(str(source)), {}) if _is_procedural(source) else io.read_to_score(Path(source))
 
 
 def _is_procedural(source: Path | str) -> bool:

@@ -72,7 +72,7 @@ def bench(
     """
     from lfdepth.bench.plan import Plan, cross, parameters, read_plan, setting, with_truth
     from lfdepth.bench.run import bench as run_bench
-    from lfdepth.bench.tables import markdown, tables
+    from lfdepth.bench.tables import tables
     from lfdepth.cli.progress import Progress
 
     planned = read_plan(plan) if plan else Plan((), ())
@@ -92,7 +92,8 @@ def bench(
 
     def text(_: dict[str, Any]) -> str:
         shown = [table for table in tables(result, published=False) if table.key in MAIN_METRICS]
-        return "\n".join([*(markdown(table, ()) for table in shown), f"written  {output / 'report.html'}"])
+        texts = [table.table().to_markdown() + "\n" for table in shown]
+        return "\n".join([*texts, f"written  {output / 'report.html'}"])
 
     report(json.loads((output / "results.json").read_text(encoding="utf-8")), as_json, text)
     return _status(list(map(str, result.failures)))
@@ -265,8 +266,8 @@ def render(
         Standard deviation of the sensor's noise at mid grey, grey levels of 255; the scene's own by default.
     """
     from lfdepth import scenes
-    from lfdepth.bench.cache import make_folder
     from lfdepth.cli.progress import Progress
+    from lfdepth.io.atomic import make_folder
 
     if not names:
         raise LightFieldError('scenes render: no name given; expected names of scenes or "all"; give one')

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -191,11 +191,11 @@ class Reading:
     sensor_mm: float | None = None
     focus_m: float | None = None
 
-    def read(self, scene: Path) -> LightField:
-        """Read a light field."""
+    def read(self, scene: Path, *, without_masks: Collection[str] = ()) -> LightField:
+        """Read a light field, apart from some masks."""
         import lfdepth
 
-        options = dict(vars(self))
+        options: dict[str, Any] = {**vars(self), "without_masks": without_masks}
         for short, long in _LONG_NAMES.items():
             options[long] = options.pop(short)
         return lfdepth.read(scene, **options)

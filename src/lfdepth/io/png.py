@@ -12,6 +12,7 @@ import numpy.typing as npt
 from lfdepth.errors import LightFieldError
 from lfdepth.io.atomic import atomic
 from lfdepth.io.picture import read_picture
+from lfdepth.io.pixels import encode_png
 from lfdepth.io.record import Record, checked_map
 
 _WHITE = 65535
@@ -22,15 +23,13 @@ def write_png(path: Path, record: Record) -> None:
 
     The smallest value becomes sample 0 and the largest 65535.
     """
-    from PIL import Image
-
     checked_map(record.values, f"{path}: {record.quantity}")  # depth may be infinite, which samples cannot be
     low, high = float(record.values.min()), float(record.values.max())
     scale = (high - low) / _WHITE or 1.0  # a constant map: all samples 0
     samples = np.rint((record.values.astype(np.float64) - low) / scale).astype(np.uint16)
     header = {"quantity": record.quantity, "unit": record.unit, "scale": scale, "offset": low}
     with atomic(path) as picture:
-        Image.fromarray(samples).save(picture)
+        picture.write_bytes(encode_png(samples))
         with atomic(scale_file(path)) as sidecar:
             sidecar.write_text(json.dumps(header, indent=2) + "\n", encoding="utf-8")
 

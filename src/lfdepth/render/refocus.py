@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from lfdepth.engines import single, using
 from lfdepth.errors import LightFieldError
-from lfdepth.io.atomic import atomic, atomic_folder
+from lfdepth.io.atomic import atomic_folder
+from lfdepth.io.pixels import encode_png
 from lfdepth.io.record import checked_map
 from lfdepth.lightfield import LightField
 
@@ -179,8 +180,6 @@ def write_masks(folder: str | Path, masks: NDArray[np.bool_], lf: LightField) ->
         If the masks do not have the light field's shape, or the folder cannot be written or holds something
         else.
     """
-    from PIL import Image
-
     if masks.shape != lf.shape[:4]:
         raise LightFieldError(
             f"{folder}: masks have shape {masks.shape}; expected {lf.shape[:4]}, a mask for each view of "
@@ -189,33 +188,13 @@ def write_masks(folder: str | Path, masks: NDArray[np.bool_], lf: LightField) ->
     digits = max(2, len(str(max(masks.shape[:2]) - 1)))
     with atomic_folder(folder, holds_masks) as temporary:
         for (row, column), _, _ in _present_views(lf):
-            mask = Image.fromarray(masks[row, column].astype(np.uint8) * np.uint8(255))
-            mask.save(temporary / f"mask_v{row:0{digits}d}_u{column:0{digits}d}.png")
+            file = temporary / f"mask_v{row:0{digits}d}_u{column:0{digits}d}.png"
+            file.write_bytes(encode_png(masks[row, column]))
 
 
 def holds_masks(folder: Path) -> bool:
     """Whether a folder holds nothing but masks, and so may be replaced by others."""
     return all(_MASK_FILE.fullmatch(entry.name) for entry in folder.iterdir())
-
-
-def write_picture(path: str | Path, picture: NDArray[Any]) -> None:
-    """Write a picture (H, W, C) as PNG: 8 bits for uint8 samples, 16 bits for all others.
-
-    Raises
-    ------
-    LightFieldError
-        If the path does not end in .png, or cannot be written.
-    """
-    import imagecodecs
-
-    path = Path(path)
-    if path.suffix.lower() != ".png":
-        raise LightFieldError(f"{path}: unknown ending {path.suffix or '(none)'}; expected .png; choose it")
-    if picture.dtype == np.float32:
-        picture = np.rint(np.clip(picture, 0, 1) * 65535).astype(np.uint16)
-    encoded = imagecodecs.png_encode(np.ascontiguousarray(picture))
-    with atomic(path) as temporary:
-        temporary.write_bytes(encoded)
 
 
 def _average(
