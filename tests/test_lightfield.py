@@ -6,9 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import lfdepth
+from fields import quantise, texture
 from lfdepth.camera import Camera
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
+from lfdepth.methods import NAMES
 
 
 def random_views(*shape: int, dtype: str = "uint8", seed: int = 0) -> npt.NDArray[Any]:
@@ -157,3 +160,26 @@ def test_bad_light_fields_are_named(fields: dict[str, Any], message: str) -> Non
         LightField(**DEFAULTS | fields)
     assert str(caught.value).startswith("cotton: ")
     assert "\n" not in str(caught.value)
+
+
+def test_views_stand_at_their_positions_for_every_method() -> None:
+    """Truth: a plane seen by cameras off the grid, in rows half as far apart as columns."""
+    rng = np.random.default_rng(3)
+    grid, size, disparity = (5, 5), (40, 44), 0.6
+    positions = rng.uniform(-0.2, 0.2, (*grid, 2))
+    positions[..., 0] += np.arange(-2, 3)[:, None] * -0.5
+    positions -= positions[2, 2]
+    paint = texture(rng)
+    y, x = np.mgrid[: size[0], : size[1]].astype(np.float64)
+    views = np.zeros((*grid, *size, 1))
+    for v, u in np.ndindex(*grid):
+        down, right = np.array([v - 2, u - 2]) + positions[v, u]
+        views[v, u, ..., 0] = paint(x + disparity * right, y + disparity * down)
+    samples, ends = quantise(views, "uint8"), (-0.5, 1.5)
+    inner = (slice(6, -6), slice(6, -6))
+    for name in NAMES:
+        placed = LightField(samples, positions=positions, disparity_range=ends)
+        off = np.abs(lfdepth.estimate(placed, name).disparity - disparity)[inner]
+        assert np.mean(off > 0.07) < 0.02, name
+        blind = lfdepth.estimate(LightField(samples, disparity_range=ends), name).disparity
+        assert np.mean(np.abs(blind - disparity)[inner] > 0.07) > 0.3, name

@@ -127,7 +127,8 @@ class LightField:
     @property
     def offsets(self) -> npt.NDArray[np.float64]:
         """Where views stand: (V, U, 2) view steps down and across from the reference view."""
-        return grid_offsets(self.shape[:2])
+        grid = grid_offsets(self.shape[:2])
+        return grid if self.positions is None else grid + self.positions
 
     @property
     def available(self) -> npt.NDArray[np.bool_]:

@@ -218,22 +218,23 @@ def _average(
         for index, v, u in _present_views(lf):
             if surface is not None:
                 front = _grown(_front(surface, v, u))
-            place = (float(v), float(u))
+            place = (v, u)
             engine.gather(lf.views[index], place, focus, total, count, front=front, limit=limit)
     total /= np.maximum(count, 1)[..., None]
     return total, count
 
 
-def _present_views(lf: LightField) -> Iterator[tuple[tuple[int, int], int, int]]:
-    """Index of each view that is there, and its row v and column u from the reference view."""
-    for row, column in np.ndindex(*lf.shape[:2]):
-        if lf.present is None or lf.present[row, column]:
-            yield (row, column), row - lf.centre[0], column - lf.centre[1]
+def _present_views(lf: LightField) -> Iterator[tuple[tuple[int, int], float, float]]:
+    """Index of each view that is there, and where it stands: v down and u across from the reference view."""
+    offsets = lf.offsets
+    for row, column in np.argwhere(lf.available).tolist():
+        v, u = offsets[row, column]
+        yield (row, column), float(v), float(u)
 
 
-def _front(surface: NDArray[np.float32], v: int, u: int, plane: float = 0.0) -> NDArray[np.float32]:
+def _front(surface: NDArray[np.float32], v: float, u: float, plane: float = 0.0) -> NDArray[np.float32]:
     """Disparity (H, W) of what view (u, v) shows, as seen from a plane; −inf where nothing is known of it."""
-    return single().seen(surface, (float(v), float(u)), plane=plane, jump=JUMP)
+    return single().seen(surface, (v, u), plane=plane, jump=JUMP)
 
 
 def _grown(front: NDArray[np.float32]) -> NDArray[np.float32]:
