@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from lfdepth.render.refocus import all_in_focus, foreground_masks, refocus, write_masks
     from lfdepth.result import Result
     from lfdepth.scoring import evaluate
+    from lfdepth.trace import Trace
 
 __version__ = "0.1.0"
 
@@ -38,6 +39,7 @@ _HOMES = {
     "LightFieldError": "lfdepth.errors",
     "Method": "lfdepth.methods",
     "Result": "lfdepth.result",
+    "Trace": "lfdepth.trace",
     "all_in_focus": "lfdepth.render.refocus",
     "check_orientation": "lfdepth.probe.order",
     "estimate": "lfdepth.estimation",
@@ -60,6 +62,7 @@ __all__ = [
     "LightFieldError",
     "Method",
     "Result",
+    "Trace",
     "all_in_focus",
     "check_orientation",
     "estimate",

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from lfdepth.engines.cpu.compilation import on_compilation
 from lfdepth.errors import LightFieldError
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 _PIECE = 64  # px, shortest side of the piece on which a method runs before its time is taken
+_FEW_PLANES = 12
 _FRAME = 16  # px of the piece beyond what a window covers
 
 
@@ -89,10 +90,11 @@ def _run_on_piece(
     if ends is None:
         with suppress(LightFieldError):  # the piece may be too small to find a range in
             find_range(piece)
-    few: dict[str, Any] = {"planes": 8} if method.has_planes else {}
-    if "skip" in method.parameters():
-        few["skip"] = 5  # the first J planes run without a mask
-    run(piece, method, range=ends or (-1.0, 1.0), **few)
+    low, high = ends or (-1.0, 1.0)
+    planes = method.planes_for((low, high), force=True)
+    # The nearest planes will do; what only later ones need is compiled in the run itself.
+    low = max(low, high - _FEW_PLANES * float(planes[0] - planes[1]))
+    run(piece, method, range=(low, high), force=True)
 
 
 @cache

@@ -81,8 +81,14 @@ def estimate_text(facts: Facts) -> str:
 def methods_facts() -> Facts:
     """Methods with their parameters, presets, engines."""
     from lfdepth import engines, methods
+    from lfdepth.errors import LightFieldError
 
-    known = [methods.method_class(name) for name in methods.names()]
+    known, unusable = [], []
+    for name in methods.names():
+        try:
+            known.append(methods.method_class(name))
+        except LightFieldError as error:  # another package's; it must not hide the others
+            unusable.append({"name": name, "problem": str(error)})
     return {
         "methods": [
             {
@@ -93,6 +99,7 @@ def methods_facts() -> Facts:
             }
             for each in known
         ],
+        "unusable": unusable,
         "presets": methods.PRESETS,
         "engines": [{"name": name, "summary": engines.SUMMARIES[name]} for name in engines.NAMES],
     }
@@ -104,6 +111,7 @@ def methods_text(facts: Facts) -> str:
     for method in facts["methods"]:
         defaults = {each["option"]: each["default"] for each in method["parameters"]}
         lines += [f"{method['name']}: {method['summary']}", f"    {_parameters_text(defaults)}"]
+    lines += [f"{each['name']}: cannot be used\n    {each['problem']}" for each in facts["unusable"]]
     lines += ["", "What each parameter means: lfdepth estimate --method NAME --help", ""]
     lines += [f"--preset {name}: {_parameters_text(preset)}" for name, preset in facts["presets"].items()]
     lines += [f"--engine {each['name']}: {each['summary']}" for each in facts["engines"]]
