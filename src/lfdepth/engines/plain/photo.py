@@ -22,7 +22,7 @@ from lfdepth.engines.layout import (
     plane_horizon,
     shifts,
 )
-from lfdepth.engines.plain.sampling import Whole, repeated, shifted
+from lfdepth.engines.plain.sampling import Whole, inside, repeated, shifted
 from lfdepth.lightfield import LightField
 
 _HIGH_PASS = 3
@@ -168,15 +168,15 @@ def _sees(
 ) -> Bool:
     """Whether a view counts at a plane: it sees it, or the pixel itself is in front of it.
 
-    Nothing is known left and right of a view, above and below its border repeats.
+    Beside a view nothing is known that hides the plane.
     """
     if surfaces is None:
         return np.ones((1, 1), np.bool_)
-    height, width = surfaces.nearest.shape[2:]
     down, across = (each.item() for each in nearest_pixels(offset[None, None], disparity))
-    columns = np.arange(surfaces.columns.start, surfaces.columns.stop) + across
-    known = (columns >= 0) & (columns < width)
-    place = np.clip(rows + down, 0, height - 1)[:, None], np.clip(columns, 0, width - 1)
-    nearest = np.where(known, surfaces.nearest[view][place], UNKNOWN_SURFACE)
+    columns = np.arange(surfaces.columns.start, surfaces.columns.stop)
+    y, x = np.meshgrid(rows + down, columns + across, indexing="ij")
+    nearest = surfaces.nearest[view]
+    known = inside(y, x, nearest.shape)
+    hidden = known & (nearest[np.where(known, y, 0), np.where(known, x, 0)] > plane_horizon(disparity))
     in_front = surfaces.disparity[rows] > disparity + VISIBILITY_MARGIN
-    return np.asarray((nearest <= plane_horizon(disparity)) | in_front)
+    return np.asarray(~hidden | in_front)

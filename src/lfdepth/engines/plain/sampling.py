@@ -36,7 +36,7 @@ def shifted(image: NDArray[Any], plane: Shifts, view: tuple[int, int], rows: Who
     )
 
 
-def inside(y: NDArray[Any], x: NDArray[Any], size: tuple[int, int]) -> NDArray[np.bool_]:
+def inside(y: NDArray[Any], x: NDArray[Any], size: tuple[int, ...]) -> NDArray[np.bool_]:
     """Which places lie within the centres of an image's outermost pixels."""
     return np.asarray((y >= 0) & (y <= size[0] - 1) & (x >= 0) & (x <= size[1] - 1))
 
