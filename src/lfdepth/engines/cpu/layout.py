@@ -12,11 +12,11 @@ from lfdepth.engines.layout import (
     COLOUR_UNIT,
     UNKNOWN_SURFACE,
     Shifts,
+    check_within,
     colour_levels,
     grey_levels,
     shifts,
 )
-from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
 
 PAD = 16
@@ -120,15 +120,6 @@ class ViewsAsTheyAre:
     present: NDArray[np.bool_]
     others: NDArray[np.bool_]
     offsets: NDArray[np.float64]
-
-
-def check_within(disparity: float, reach: float) -> None:
-    """Raise LightFieldError where a plane lies beyond what views were prepared for."""
-    if not abs(disparity) <= reach + 1e-9:
-        raise LightFieldError(
-            f"disparity: found a plane at {disparity:g}, expected |D| of at most {reach:g} px per view step, "
-            "for which the views were prepared; prepare them for more"
-        )
 
 
 def _margin(lf: LightField, reach: float) -> int:
