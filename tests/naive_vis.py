@@ -340,8 +340,12 @@ def fit_surfaces(position: Array, energy: Array, guide: Array, step: float, radi
 
 
 def evened(position: Array, guide: Array, step: float) -> Array:
+    """The same of places between planes."""
+    return evened_within(position, guide, max(FIT_GATE / step, FEWEST_PLANES_SLOPE))
+
+
+def evened_within(position: Array, guide: Array, gate: float) -> Array:
     """Binomial mean of 3 × 3 pixels; of pairs of opposite neighbours, either both take part or none does."""
-    gate = max(FIT_GATE / step, FEWEST_PLANES_SLOPE)
     out = position.copy()
     for y, x in np.ndindex(*position.shape):
         for dy, dx, weight in ((0, 1, 2), (1, 0, 2), (1, 1, 1), (1, -1, 1)):
@@ -572,7 +576,7 @@ def texture_weight(views: Array, level: float, present: Array | None = None) -> 
 def estimate(
     views: Array, disparity_range: tuple[float, float], method: FbsVis, present: Array | None = None
 ) -> Decoded:
-    """The whole method "fbs-vis", but for gloss."""
+    """The whole method "fbs-vis", but for gloss and refinement."""
     assert method.step is not None
     plane = naive.planes(disparity_range, method.step)
     guide = naive.guide_image(views, method.guide)
