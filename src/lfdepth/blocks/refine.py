@@ -71,13 +71,13 @@ class RefineRule:
     spacing: int = 2
     wide_radius: int = 48
     wide_spacing: int = 12
-    prior: float = 300.0
+    prior: float = 150.0
     high_pass: float = 2.0
     halving: float = 0.05
     gate: float = 0.05
     margin: float = 0.15
     jump: float = 0.1
-    rims: tuple[float, ...] = (0.02, 0.1, 0.3)
+    rims: tuple[float, ...] = (0.05, 0.2, 0.5)
     refusal: float = 25.0
 
 
