@@ -347,8 +347,12 @@ def fit_surfaces(position: Array, energy: Array, guide: Array, step: float, radi
 
 
 def evened(position: Array, guide: Array, step: float) -> Array:
+    """The same of places between planes."""
+    return evened_within(position, guide, max(FIT_GATE / step, FEWEST_PLANES_SLOPE))
+
+
+def evened_within(position: Array, guide: Array, gate: float) -> Array:
     """Binomial mean of 3 × 3 pixels; of pairs of opposite neighbours, either both take part or none does."""
-    gate = max(FIT_GATE / step, FEWEST_PLANES_SLOPE)
     out = position.copy()
     for y, x in np.ndindex(*position.shape):
         for dy, dx, weight in ((0, 1, 2), (1, 0, 2), (1, 1, 1), (1, -1, 1)):
@@ -590,7 +594,7 @@ def suspects(views: Array, limits: Array, texture: Array, plane: Array, present:
 def estimate(
     views: Array, disparity_range: tuple[float, float], method: FbsVis, present: Array | None = None
 ) -> Decoded:
-    """The whole method "fbs-vis"."""
+    """The whole method "fbs-vis", but for refinement."""
     assert method.step is not None
     plane = naive.planes(disparity_range, method.step)
     guide = naive.guide_image(views, method.guide)

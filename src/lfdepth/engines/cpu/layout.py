@@ -122,6 +122,27 @@ class ViewsAsTheyAre:
     offsets: NDArray[np.float64]
 
 
+@dataclass(frozen=True, eq=False)
+class SplineViews:
+    """Cubic B-spline coefficients (N, H + 2·PAD, W + 2·PAD) of the luma of N views, in 8-bit levels.
+
+    `at` (N, 2) are their places in the grid, where they are `chosen` (V, U); `origin` (H, W) is the luma of
+    the reference view.
+    """
+
+    data: NDArray[np.float32]
+    at: NDArray[np.int64]
+    chosen: NDArray[np.bool_]
+    offsets: NDArray[np.float64]
+    origin: NDArray[np.float32]
+
+    @property
+    def standing(self) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
+        """Index of each view in the grid, and its view steps down and across from the reference view."""
+        down, across = self.offsets[self.chosen].astype(np.float32).T.copy()
+        return self.at[:, 0] * self.chosen.shape[1] + self.at[:, 1], down, across
+
+
 def _margin(lf: LightField, reach: float) -> int:
     """Columns that planes up to |D| = `reach` look at beyond the image, and two more."""
     farthest = float(np.abs(lf.offsets[..., 1]).max())
