@@ -811,6 +811,16 @@ def test_two_views_are_estimated(grid: tuple[int, int], method: str, median: flo
     assert (error > 0.35).mean() < wrong
 
 
+def test_left_and_right(tmp_path: Path) -> None:
+    save(tmp_path / "left.png", VIEWS[0, 0])
+    save(tmp_path / "right.png", VIEWS[0, 1])
+    np.testing.assert_array_equal(read(tmp_path, grid=(1, 2)).views[0], VIEWS[0, :2])
+    with pytest.raises(
+        LightFieldError, match=r"right\.png: surplus picture.*give the grid if all are \(--grid\)"
+    ):
+        read(tmp_path)
+
+
 def test_the_range_of_two_views_is_found() -> None:
     views, truth = two_planes(np.random.default_rng(4), (1, 2), (72, 88))
     low, high = lfdepth.estimate(LightField(quantise(views[..., None], "uint8")), "fbs-sfa").range
