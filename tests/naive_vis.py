@@ -27,6 +27,7 @@ Array = NDArray[Any]
 # package alone makes the two disagree.
 FEWEST_VIEWS = 25  # that thinning leaves
 PARTS, NOTHING = 1000, -32768  # of a px per view step in which splats are kept; where nothing is known
+JUMP = 0.25  # px per view step from which neighbours are of two surfaces
 MARGIN = 0.2  # px per view step by which a surface has to be nearer to hide a plane
 ENERGY, SHARES = 2000, 255  # whole energies per unit; parts that shares are kept in
 ALIKE, LARGEST_ISLAND = 2.0, 2  # planes within which neighbours are one island; its largest size in px
@@ -120,15 +121,31 @@ def voting(views: Array, present: Array | None, sparse: bool = False) -> Array:
 
 
 def splat(disparity: Array, grid: tuple[int, int]) -> Array:
-    """Nearest surface at every pixel of every view (V, U, H, W), whole parts; EMPTY where none is known."""
+    """Nearest surface at every pixel of every view (V, U, H, W), whole parts; EMPTY where none is known.
+
+    Neighbours of one surface that land two pixels apart leave the farther one's level between them.
+    """
     height, width = disparity.shape
     nearest = np.full((*grid, height, width), NOTHING, np.int64)
+
+    def place(i: int, j: int, y: int, x: int) -> tuple[int, int]:
+        d = float(disparity[y, x])
+        to_x, to_y = x - (j - grid[1] // 2) * d + 0.5, y - (i - grid[0] // 2) * d + 0.5
+        return int(np.floor(to_y)), int(np.floor(to_x))
+
+    def put(i: int, j: int, at: tuple[int, int], parts: int) -> None:
+        if 0 <= at[0] < height and 0 <= at[1] < width:
+            nearest[i, j, at[0], at[1]] = max(nearest[i, j, at[0], at[1]], parts)
+
     for i, j, y, x in product(range(grid[0]), range(grid[1]), range(height), range(width)):
-        to_x = int(np.floor(x - (j - grid[1] // 2) * float(disparity[y, x]) + 0.5))
-        to_y = int(np.floor(y - (i - grid[0] // 2) * float(disparity[y, x]) + 0.5))
-        if 0 <= to_x < width and 0 <= to_y < height:
-            parts = int(float(disparity[y, x]) * PARTS)
-            nearest[i, j, to_y, to_x] = max(nearest[i, j, to_y, to_x], parts)
+        at, parts = place(i, j, y, x), int(float(disparity[y, x]) * PARTS)
+        put(i, j, at, parts)
+        for axis, before in enumerate(((y - 1, x), (y, x - 1))):
+            if min(before) < 0:
+                continue
+            level = int(float(disparity[before]) * PARTS)
+            if at[axis] - place(i, j, *before)[axis] == 2 and abs(parts - level) < JUMP * PARTS:
+                put(i, j, (at[0] - (axis == 0), at[1] - (axis == 1)), min(parts, level))
     return nearest
 
 

@@ -10,7 +10,7 @@ import pytest
 import fields
 import naive_vis
 from lfdepth.blocks.photo import local_thresholds, photo_consistency
-from lfdepth.engines import engine
+from lfdepth.engines import engine, single
 from lfdepth.engines.cpu.engine import CpuEngine, _placed_visibility
 from lfdepth.engines.layout import DISPARITY_PARTS as PARTS
 from lfdepth.engines.layout import UNKNOWN_SURFACE as EMPTY
@@ -264,3 +264,13 @@ def test_moving_the_views_moves_what_they_see(pixels: int) -> None:
     found = share(LightField(moved), 0.25 + pixels, disparity + np.float32(pixels))
     inner = (slice(10, -10), slice(10, -10))
     np.testing.assert_array_equal(found[inner], share(lf, 0.25, disparity)[inner])
+
+
+def test_a_surface_that_is_wider_in_a_view_has_no_gaps_there() -> None:
+    """By hand: a slope of 0.2 px per px is twice as wide five steps to the left; a jump stays open."""
+    disparity = (0.2 * np.arange(8, dtype=np.float32))[None]
+    seen = single().seen(disparity, (0.0, -5.0))
+    np.testing.assert_allclose(seen[0], np.repeat([0, 0.2, 0.4, 0.6], 2), atol=1e-6)
+    torn = np.array([[0, 0, 0, 0.4, 0.4, 0.4, 0.4, 0.4]], np.float32)
+    open_between = single().seen(torn, (0.0, -5.0))
+    np.testing.assert_array_equal(np.isinf(open_between[0]), [0, 0, 0, 1, 1, 0, 0, 0])

@@ -197,6 +197,8 @@ class Engine(Protocol):
     def nearest_surfaces(self, disparity: Float, views: ColourViews, spare: Any = None) -> Any:
         """Splat a map (H, W) into every view that votes: the nearest surface at each of its pixels.
 
+        Each point lands on one pixel; gaps within a surface are filled (`layout.SURFACE_JUMP`).
+
         `spare` is a result no longer needed, whose memory may be used again.
         """
 
@@ -379,8 +381,11 @@ class Engine(Protocol):
 
     # --- pictures from many views
 
-    def seen(self, disparity: Float, offset: tuple[float, float], *, plane: float, jump: float) -> Float:
-        """Disparity (H, W) that the view at `offset` shows of a map, as seen from a plane; −inf: unknown."""
+    def seen(self, disparity: Float, offset: tuple[float, float], *, plane: float = 0.0) -> Float:
+        """Disparity (H, W) that the view at `offset` shows of a map, as seen from a plane; −inf: unknown.
+
+        The same splat as that of `nearest_surfaces`, in full precision.
+        """
 
     def gather(
         self,

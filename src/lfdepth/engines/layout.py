@@ -40,6 +40,13 @@ DISPARITY_LIMIT = 32000
 UNKNOWN_SURFACE = -32768
 """Where no surface is known."""
 
+SURFACE_JUMP = 0.25
+"""Difference of disparities, px per view step, from which on neighbouring pixels are of two surfaces.
+
+A surface that is wider in a view than in the reference view would have gaps there: where neighbours of one
+surface land two pixels apart, the farther one also lands between them.
+"""
+
 SHARE_LEVELS = 255
 """Shares of views in a volume are whole parts of this."""
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfdepth.engines import single, using
+from lfdepth.engines.layout import SURFACE_JUMP
 from lfdepth.errors import LightFieldError
 from lfdepth.io.atomic import atomic_folder
 from lfdepth.io.pixels import encode_png
@@ -25,9 +26,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from lfdepth.result import Result
-
-JUMP = 0.25
-"""Difference of disparities, px per view step, from which on neighbouring pixels are of two surfaces."""
 
 _MASK_FILE = re.compile(r"mask_v\d+_u\d+\.png")
 
@@ -113,7 +111,7 @@ def all_in_focus(
         If the map is not finite, or of another size than the views.
     """
     surface = _checked_map(disparity_map, lf)
-    picture, seen = _average(lf, surface, threads, surface, surface + np.float32(JUMP))
+    picture, seen = _average(lf, surface, threads, surface, surface + np.float32(SURFACE_JUMP))
     return _as_samples(np.where(seen[..., None] > 0, picture, lf.reference), lf)
 
 
@@ -234,7 +232,7 @@ def _present_views(lf: LightField) -> Iterator[tuple[tuple[int, int], float, flo
 
 def _front(surface: NDArray[np.float32], v: float, u: float, plane: float = 0.0) -> NDArray[np.float32]:
     """Disparity (H, W) of what view (u, v) shows, as seen from a plane; −inf where nothing is known of it."""
-    return single().seen(surface, (v, u), plane=plane, jump=JUMP)
+    return single().seen(surface, (v, u), plane=plane)
 
 
 def _grown(front: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -34,6 +34,8 @@ from lfdepth.engines.layout import (
     ENERGY_SCALE,
     GREY_WHITE,
     SHARE_LEVELS,
+    SURFACE_JUMP,
+    UNKNOWN_SURFACE,
     VISIBILITY_MARGIN,
     grey_levels,
     nearest_pixels,
@@ -278,6 +280,8 @@ class CpuEngine:
             rows,
             margin,
             row_length,
+            np.float32(SURFACE_JUMP * DISPARITY_PARTS),
+            np.int16(UNKNOWN_SURFACE),
         )
         grid = present.shape[0], present.shape[1]
         return NearestSurfaces(data, rows, grid, margin, row_length, disparity)
@@ -558,11 +562,14 @@ class CpuEngine:
 
     # --- pictures from many views
 
-    def seen(self, disparity: Float, offset: tuple[float, float], *, plane: float, jump: float) -> Float:
+    def seen(self, disparity: Float, offset: tuple[float, float], *, plane: float = 0.0) -> Float:
         """What a view shows of a map."""
-        front = np.full(disparity.shape, -np.inf, np.float32)
-        focusing_kernels.splat_kernel(front, disparity, plane, *offset, jump)
-        return front
+        front, rows = np.empty(disparity.size, np.float32), np.empty(len(disparity), np.float32)
+        moved = disparity - np.float32(plane)
+        place = (np.ones((1, 1), np.bool_), np.array(offset, np.float64).reshape(1, 1, 2), front, rows)
+        ends = (0, disparity.shape[1], np.float32(SURFACE_JUMP), np.float32(-np.inf))
+        visibility_kernels.splat_kernel(0, 1, moved, disparity, *place, *ends)
+        return front.reshape(disparity.shape)
 
     def gather(
         self,

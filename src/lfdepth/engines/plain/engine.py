@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from lfdepth.engines.base import Array, Bool, Box, Delta, Float, Gradient
-from lfdepth.engines.layout import SHARE_LEVELS
+from lfdepth.engines.layout import SHARE_LEVELS, SURFACE_JUMP
 from lfdepth.engines.plain import edges, energy, filters, photo, pictures, voting
 from lfdepth.engines.plain.edges import Views
 from lfdepth.engines.plain.filters import Prepared
@@ -330,9 +330,12 @@ class NumpyEngine:
 
     # --- pictures from many views
 
-    def seen(self, disparity: Float, offset: tuple[float, float], *, plane: float, jump: float) -> Float:
+    def seen(self, disparity: Float, offset: tuple[float, float], *, plane: float = 0.0) -> Float:
         """What a view shows of a map."""
-        return pictures.seen(disparity, offset, plane, jump)
+        front = np.full(disparity.shape, -np.inf, np.float32)
+        moved = disparity - np.float32(plane)
+        photo.land(front, moved, disparity, np.array(offset, np.float64), SURFACE_JUMP)
+        return front
 
     def gather(
         self,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from lfdepth.engines.layout import (
     DISPARITY_LIMIT,
     DISPARITY_PARTS,
     FEWEST_SEEING,
+    SURFACE_JUMP,
     UNKNOWN_SURFACE,
     VISIBILITY_MARGIN,
     check_within,
@@ -107,18 +109,43 @@ def high_passed(views: ColourLevels, box: Box) -> ColourLevels:
 
 def splat(disparity: Float, present: Bool, offsets: NDArray[np.float64]) -> Surfaces:
     """Nearest surface at every pixel of every view that is present, of the points of a map (H, W)."""
-    height, width = disparity.shape
     parts = np.clip(disparity * np.float32(DISPARITY_PARTS), -DISPARITY_LIMIT, DISPARITY_LIMIT)
-    nearest = np.full((*present.shape, height, width), UNKNOWN_SURFACE, np.int32)
-    y, x = np.arange(height, dtype=np.float32)[:, None], np.arange(width, dtype=np.float32)
-    half = np.float32(0.5)
+    nearest = np.full((*present.shape, *disparity.shape), UNKNOWN_SURFACE, np.int32)
     for v, u in np.argwhere(present):
-        down, across = offsets[v, u].astype(np.float32)
-        to_y = np.floor(y - down * disparity + half).astype(np.int64)
-        to_x = np.floor(x - across * disparity + half).astype(np.int64)
-        lands = (to_y >= 0) & (to_y < height) & (to_x >= 0) & (to_x < width)
-        np.maximum.at(nearest[v, u], (to_y[lands], to_x[lands]), parts[lands].astype(np.int32))
-    return Surfaces(nearest, slice(0, width), disparity)
+        jump = SURFACE_JUMP * DISPARITY_PARTS
+        land(nearest[v, u], disparity, parts.astype(np.int32), offsets[v, u], jump)
+    return Surfaces(nearest, slice(0, disparity.shape[1]), disparity)
+
+
+def land(
+    nearest: NDArray[Any],
+    disparity: Float,
+    levels: NDArray[Any],
+    offset: NDArray[np.float64],
+    jump: float,
+) -> None:
+    """Leave the levels (H, W) of a map's points where they land in the view at `offset`; nearest wins.
+
+    Where neighbours whose levels differ by less than `jump` land two pixels apart, so does the farther one
+    between them.
+    """
+    height, width = disparity.shape
+    y, x = np.arange(height, dtype=np.float32)[:, None], np.arange(width, dtype=np.float32)
+    down, across = offset.astype(np.float32)
+    to_y = np.floor(y - down * disparity + np.float32(0.5)).astype(np.int64)
+    to_x = np.floor(x - across * disparity + np.float32(0.5)).astype(np.int64)
+
+    def put(rows: NDArray[np.int64], columns: NDArray[np.int64], values: NDArray[Any]) -> None:
+        inside = (rows >= 0) & (rows < height) & (columns >= 0) & (columns < width)
+        np.maximum.at(nearest, (rows[inside], columns[inside]), values[inside])
+
+    put(to_y, to_x, levels)
+    for axis, places in ((1, to_x), (0, to_y)):
+        gap = (np.diff(places, axis=axis) == 2) & (np.abs(np.diff(levels, axis=axis)) < jump)
+        here = (slice(None), slice(1, None)) if axis else (slice(1, None), slice(None))
+        before = (slice(None), slice(None, -1)) if axis else (slice(None, -1), slice(None))
+        low = np.minimum(levels[here], levels[before])
+        put((to_y[here] - (axis == 0))[gap], (to_x[here] - (axis == 1))[gap], low[gap])
 
 
 def surfaces_in(surfaces: Surfaces, box: Box) -> Surfaces:

@@ -72,24 +72,6 @@ def beside_best(costs: Float, apart: int) -> tuple[NDArray[np.int32], Float]:
     return best.astype(np.int32), np.stack([at, before, after, far]).astype(np.float32)
 
 
-def seen(disparity: Float, offset: tuple[float, float], plane: float, jump: float) -> Float:
-    """Nearest disparity that lands on each pixel of a view: of pixels, and of points halfway between them.
-
-    There is none halfway where the disparity jumps.
-    """
-    height, width = disparity.shape
-    front = np.full(disparity.shape, -np.inf, np.float32)
-    for down, across in product((0, 1), repeat=2):
-        here, there = disparity[: height - down, : width - across], disparity[down:, across:]
-        y, x = np.mgrid[: height - down, : width - across]
-        shift = 0.5 * (here + there).astype(np.float64) - plane
-        row = np.rint(y + 0.5 * down - offset[0] * shift).astype(np.int64)
-        column = np.rint(x + 0.5 * across - offset[1] * shift).astype(np.int64)
-        lands = (np.abs(there - here) < jump) & (row >= 0) & (row < height) & (column >= 0) & (column < width)
-        np.maximum.at(front, (row[lands], column[lands]), np.minimum(here, there)[lands])
-    return front
-
-
 def gather(
     view: NDArray[Any],
     offset: tuple[float, float],

@@ -14,31 +14,6 @@ Map = npt.NDArray[np.float32]
 
 
 @njit(cache=True, nogil=True)
-def splat_kernel(front: Map, disparity: Map, plane: float, v: float, u: float, jump: float) -> None:
-    """Nearest disparity that lands on each pixel of view (u, v) as seen from a plane; starts at −inf.
-
-    A pixel lands at (x, y) − (u, v)·(D − plane). So do the points halfway to its neighbours to the right,
-    below and diagonally, unless the disparity jumps in between: else a surface that is wider in the view than
-    in the reference view would have gaps.
-    """
-    height, width = disparity.shape
-    for y in range(height):
-        for x in range(width):
-            here = disparity[y, x]
-            for down in range(min(2, height - y)):
-                for across in range(min(2, width - x)):
-                    there = disparity[y + down, x + across]
-                    if abs(there - here) >= jump:
-                        continue
-                    shift = 0.5 * (here + there) - plane
-                    row = int(np.rint(y + 0.5 * down - v * shift))
-                    column = int(np.rint(x + 0.5 * across - u * shift))
-                    nearer = min(here, there)
-                    if 0 <= row < height and 0 <= column < width and nearer > front[row, column]:
-                        front[row, column] = nearer
-
-
-@njit(cache=True, nogil=True)
 def gather_kernel(
     first: int,
     last: int,

@@ -6,60 +6,87 @@ import numba as nb
 import numpy as np
 
 from lfdepth.engines.cpu.compilation import INNER, KERNEL
-from lfdepth.engines.layout import UNKNOWN_SURFACE as EMPTY
 
 
 @nb.njit(**INNER)
-def _clear(nearest, start, size):
+def _clear(nearest, start, size, nothing):
     for x in range(np.uintp(size)):
-        nearest[start + x] = EMPTY
+        nearest[start + x] = nothing
 
 
 @nb.njit(**INNER)
 def _greatest(values, start, size):
-    greatest = np.int16(EMPTY)
+    greatest = values[start]
     for x in range(np.uintp(size)):
         greatest = max(greatest, values[start + x])
     return greatest
 
 
 @nb.njit(**INNER)
-def _places(places, disparity, y, dv, du, height, stride):
-    """Where a row's pixels fall in one view, rows `stride` apart; −1 outside."""
-    width = disparity.size
-    for x in range(width):
+def _places(rows, columns, disparity, y, dv, du):
+    """Rows and columns at which a row's pixels land in one view."""
+    for x in range(disparity.size):
         here = disparity[x]
-        to_x = np.int32(np.floor(np.float32(x) - du * here + np.float32(0.5)))
-        to_y = np.int32(np.floor(np.float32(y) - dv * here + np.float32(0.5)))
-        inside = (to_x >= 0) & (to_x < width) & (to_y >= 0) & (to_y < height)
-        places[x] = to_y * np.int32(stride) + to_x if inside else np.int32(-1)
+        columns[x] = np.int32(np.floor(np.float32(x) - du * here + np.float32(0.5)))
+        rows[x] = np.int32(np.floor(np.float32(y) - dv * here + np.float32(0.5)))
+
+
+@nb.njit(**INNER)
+def _put(nearest, start, stride, row, column, size, level):
+    """Put a level where it lands, if that is inside the view and nothing nearer is there."""
+    if 0 <= row < size[0] and 0 <= column < size[1]:
+        at = start + row * stride + column
+        nearest[at] = max(nearest[at], level)
 
 
 @nb.njit(**KERNEL)
-def splat_kernel(first, last, disparity, levels, present, offsets, nearest, row_nearest, margin, row_length):
+def splat_kernel(
+    first,
+    last,
+    disparity,
+    levels,
+    present,
+    offsets,
+    nearest,
+    row_nearest,
+    margin,
+    row_length,
+    jump,
+    nothing,
+):
     """Splat `levels` into the present ones of views [first, last), counted row by row; nearest wins.
 
-    `levels` (H, W) is the disparity in parts; `offsets` (V, U, 2) say where views stand; `nearest` is flat,
-    laid out (V, U, H, row_length), and `row_nearest` holds the nearest of each row.
+    Pixels land by `disparity` (H, W), and leave `levels` (H, W), `nothing` where none lands. `offsets` (V, U,
+    2) say where views stand; `nearest` is flat, laid out (V, U, H, row_length), and `row_nearest` holds the
+    nearest of each row. Where neighbours whose levels differ by less than `jump` land two pixels apart, the
+    farther one also lands between them.
     """
-    height, width = disparity.shape
-    columns = present.shape[1]
-    places = np.empty(width, np.int32)
-    stride = row_length
+    size, columns = disparity.shape, present.shape[1]
+    height, width = size
+    here_y, above_y = np.empty(width, np.int32), np.empty(width, np.int32)
+    here_x, above_x = np.empty(width, np.int32), np.empty(width, np.int32)
     for view in range(first, last):
         v, u = view // columns, view % columns
         if not present[v, u]:
             continue
         start = (v * columns + u) * height * row_length
         for y in range(height):
-            _clear(nearest, np.uintp(start + y * stride), row_length)
+            _clear(nearest, np.uintp(start + y * row_length), row_length, nothing)
+        start += margin
         dv, du = np.float32(offsets[v, u, 0]), np.float32(offsets[v, u, 1])
         for y in range(height):
-            _places(places, disparity[y], y, dv, du, height, stride)
+            _places(here_y, here_x, disparity[y], y, dv, du)
             for x in range(width):
-                if places[x] >= 0:
-                    at = start + margin + places[x]
-                    nearest[at] = max(nearest[at], levels[y, x])
+                level = levels[y, x]
+                _put(nearest, start, row_length, here_y[x], here_x[x], size, level)
+                if x > 0 and here_x[x] - here_x[x - 1] == 2 and abs(level - levels[y, x - 1]) < jump:
+                    low = min(level, levels[y, x - 1])
+                    _put(nearest, start, row_length, here_y[x], here_x[x] - 1, size, low)
+                if y > 0 and here_y[x] - above_y[x] == 2 and abs(level - levels[y - 1, x]) < jump:
+                    low = min(level, levels[y - 1, x])
+                    _put(nearest, start, row_length, here_y[x] - 1, here_x[x], size, low)
+            here_y, above_y = above_y, here_y
+            here_x, above_x = above_x, here_x
         for y in range(height):
             row = (v * columns + u) * height + y
             row_nearest[row] = _greatest(nearest, np.uintp(row * row_length), row_length)
