@@ -25,7 +25,6 @@ from lfdepth.lightfield import LightField, check_range
 _VIEW = re.compile(r"input_Cam(\d+)\.png")
 _MASK = re.compile(r"mask_(\w+)_lowres\.png")
 _CONFIG = "parameters.cfg"
-_MARK = "# Written by lfdepth"
 _TRUTH = "gt_disp_lowres.pfm"
 
 
@@ -85,7 +84,7 @@ def open_benchmark(path: Path, layout: Layout) -> ViewSource:
 def write_benchmark(path: Path, lf: LightField) -> None:
     """Write a folder in the benchmark's layout, which many tools read.
 
-    An empty folder, or one that was written so, is replaced.
+    A folder is replaced if it is empty or was written so and holds nothing else.
 
     Raises
     ------
@@ -101,7 +100,7 @@ def write_benchmark(path: Path, lf: LightField) -> None:
             f"{path}: the {absent} is unknown; expected it for {_CONFIG}; give it, or write a plain "
             "folder of views"
         )
-    with atomic_folder(path, holds_benchmark) as folder:
+    with atomic_folder(path) as folder:
         for number, (v, u) in enumerate(np.ndindex(*lf.shape[:2])):
             if lf.present is None or lf.present[v, u]:
                 write_picture(folder / _view_name(number), lf.views[v, u])
@@ -113,24 +112,12 @@ def write_benchmark(path: Path, lf: LightField) -> None:
             write_mask(folder / f"mask_{checked_name(name, path)}_lowres.png", mask)
 
 
-def holds_benchmark(path: Path) -> bool:
-    """Whether a folder is empty, or holds nothing but what `write_benchmark` puts there."""
-    names = {entry.name for entry in path.iterdir()}
-    others = names - {_CONFIG, _TRUTH}
-    known = all(_VIEW.fullmatch(name) or _MASK.fullmatch(name) for name in others)
-    return not names or (known and _is_marked(path / _CONFIG))
-
-
-def _is_marked(config: Path) -> bool:
-    return config.is_file() and config.read_text(encoding="utf-8", errors="replace").startswith(_MARK)
-
-
 def _parameters_text(
     shape: tuple[int, ...], camera: Camera, disparity_range: tuple[float, float], name: str
 ) -> str:
     x, y = camera.principal_point
     axis = f"principal_point_x_px = {x!r}\nprincipal_point_y_px = {y!r}\n" if camera.centre else ""
-    return f"""{_MARK}
+    return f"""# Written by lfdepth
 [intrinsics]
 focal_length_mm = {camera.focal_length_mm!r}
 image_resolution_x_px = {camera.width}

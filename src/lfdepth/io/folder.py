@@ -93,11 +93,11 @@ def write_folder(path: Path, lf: LightField) -> None:
     """Write a picture for each view, `view_v00_u00.png`, and what else is known of the light field.
 
     Float views become TIFF. Notes are in `lightfield.json`, the truth in `truth.pfm`, masks in the folder
-    `masks`. A folder that is empty, or holds nothing but these, is replaced.
+    `masks`. A folder is replaced if it is empty or was written so and holds nothing else.
     """
     ending = "tif" if lf.views.dtype == np.float32 else "png"
     digits = max(2, len(str(max(lf.shape[:2]) - 1)))
-    with atomic_folder(path, holds_views) as folder:
+    with atomic_folder(path) as folder:
         for v, u in np.ndindex(*lf.shape[:2]):
             if lf.present is None or lf.present[v, u]:
                 write_picture(folder / f"view_v{v:0{digits}d}_u{u:0{digits}d}.{ending}", lf.views[v, u])
@@ -108,15 +108,6 @@ def write_folder(path: Path, lf: LightField) -> None:
             (folder / _MASKS).mkdir()
         for name, mask in lf.masks.items():
             write_mask(folder / _MASKS / f"{checked_name(name, path)}.png", mask)
-
-
-def holds_views(path: Path) -> bool:
-    """Whether a folder is empty, or holds nothing but what `write_folder` puts there."""
-    names = {entry.name for entry in path.iterdir()} - {_TRUTH, _MASKS}
-    others = names - {FILE}
-    if not names:
-        return not any(path.iterdir())
-    return read_notes(path / FILE) is not None and all(map(_OWN.fullmatch, others))
 
 
 def _open_own(path: Path, layout: Layout, notes: Notes) -> ViewSource:

@@ -66,7 +66,7 @@ def check_writable(path: str | Path) -> None:
     check_ending(path, WRITABLE)
     if ending in _LIBRARIES:
         need(*_LIBRARIES[ending], path)
-    check_target(path, replaceable=is_zarr if ending == ".zarr" else None)
+    check_target(path, folder=ending == ".zarr")
     if ending == ".png":
         _check_scale_file(path)
 

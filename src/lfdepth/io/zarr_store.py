@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from lfdepth.io import stack
-from lfdepth.io.atomic import atomic_folder
+from lfdepth.io.atomic import MANIFEST, atomic_folder
 from lfdepth.io.extras import need
 from lfdepth.io.layout import Layout
 from lfdepth.io.notes import KEY, Bundle
@@ -57,7 +57,7 @@ def write_zarr(path: Path, record: Record) -> None:
         "runtime": record.runtime,
         "parameters": record.parameters,
     }
-    with atomic_folder(path, replaceable=is_zarr) as temporary:
+    with atomic_folder(path, manifest=f"{record.quantity}/{MANIFEST}") as temporary:
         # Version 2 of the format is what older libraries read too.
         group = zarr.open_group(str(temporary), mode="w", zarr_format=2)
         group.create_array(record.quantity, data=record.values)
@@ -73,7 +73,7 @@ def write_views_zarr(path: Path, lf: LightField) -> None:
     """
     zarr = need("zarr", "zarr", path)
     bundle = Bundle.of(lf)
-    with atomic_folder(path, replaceable=is_zarr) as temporary:
+    with atomic_folder(path, manifest=f"LF/{MANIFEST}") as temporary:
         group = zarr.open_group(str(temporary), mode="w", zarr_format=2)
         for name, array in bundle.arrays.items():
             group.create_array(

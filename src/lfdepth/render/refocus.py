@@ -6,7 +6,6 @@ Averaging all views there focuses on D, as a lens as wide as the grid of cameras
 
 from __future__ import annotations
 
-import re
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -27,8 +26,6 @@ if TYPE_CHECKING:
 
 JUMP = 0.25
 """Difference of disparities, px per view step, from which on neighbouring pixels are of two surfaces."""
-
-_MASK_FILE = re.compile(r"mask_v\d+_u\d+\.png")
 
 
 def refocus(
@@ -187,15 +184,10 @@ def write_masks(folder: str | Path, masks: NDArray[np.bool_], lf: LightField) ->
             f"{lf.name}; give both together"
         )
     digits = max(2, len(str(max(masks.shape[:2]) - 1)))
-    with atomic_folder(folder, holds_masks) as temporary:
+    with atomic_folder(folder) as temporary:
         for (row, column), _, _ in _present_views(lf):
             mask = Image.fromarray(masks[row, column].astype(np.uint8) * np.uint8(255))
             mask.save(temporary / f"mask_v{row:0{digits}d}_u{column:0{digits}d}.png")
-
-
-def holds_masks(folder: Path) -> bool:
-    """Whether a folder holds nothing but masks, and so may be replaced by others."""
-    return all(_MASK_FILE.fullmatch(entry.name) for entry in folder.iterdir())
 
 
 def write_picture(path: str | Path, picture: NDArray[Any]) -> None:

@@ -135,10 +135,10 @@ def save(
         If an argument is out of its range, or the folder cannot be written or holds something else.
     """
     from lfdepth.io.atomic import check_target
-    from lfdepth.scenes.folder import is_ours, write_folder
+    from lfdepth.scenes.folder import write_folder
 
     folder = Path(folder)
-    check_target(folder, is_ours)
+    check_target(folder, folder=True)
     rendering = _rendered(name, size, views, seed, noise, samples, progress)
     write_folder(folder, rendering)
     return rendering.lf

@@ -17,23 +17,13 @@ from lfdepth.scenes.rendering import Rendering
 
 FACTOR = 10
 """Pixels of the high-resolution truth per pixel of a view, along one axis."""
-MARK = "Rendered by lfdepth.scenes"
-"""First line of parameters.cfg, by which a folder is known to be ours and may be replaced."""
 _CONFIG = "parameters.cfg"
-
-
-def is_ours(path: Path) -> bool:
-    """Whether a folder was written by `write_folder`, or is empty."""
-    config = path / _CONFIG
-    if config.is_file():
-        return config.read_text(encoding="utf-8", errors="replace").startswith(f"# {MARK}")
-    return not any(path.iterdir())
 
 
 def write_folder(path: Path, rendering: Rendering) -> None:
     """Write views, parameters, truth and masks of a rendered scene; all of it or nothing."""
     lf = rendering.lf
-    with atomic_folder(path, is_ours) as folder:
+    with atomic_folder(path) as folder:
         for number, index in enumerate(np.ndindex(*lf.shape[:2])):
             _write_png(folder / f"input_Cam{number:03d}.png", lf.views[index])
         (folder / _CONFIG).write_text(_parameters(lf), encoding="utf-8")
@@ -63,7 +53,7 @@ def _parameters(lf: LightField) -> str:
     assert lf.camera is not None
     assert lf.disparity_range is not None
     camera = lf.camera
-    return f"""# {MARK}
+    return f"""# Rendered by lfdepth.scenes
 [intrinsics]
 focal_length_mm = {camera.focal_length_mm!r}
 image_resolution_x_px = {lf.width}
