@@ -12,6 +12,7 @@ from lfdepth.camera import Camera, CameraOptions
 from lfdepth.errors import LightFieldError
 from lfdepth.io.formats import FORMATS, find_format
 from lfdepth.io.layout import Layout
+from lfdepth.io.limits import check_file
 from lfdepth.io.maps import (
     POINTS,
     WRITABLE,
@@ -107,6 +108,7 @@ def read(
     path = Path(path)
     _check_grid(grid)
     camera = CameraOptions(baseline_mm, focal_length_mm, sensor_size_mm, focus_distance_m)
+    check_file(path)
     selection = Selection(views, crop, scale, transpose, flip_v, flip_u, camera)
     try:
         lf = assemble(find_format(path, format).open(path, Layout(grid, partial)), selection)

@@ -122,7 +122,7 @@ def foreign_entry(folder: Path) -> str | None:
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, OverflowError):
         return manifest.name
     parents = {str(parent) for name in listed for parent in Path(name).parents}
-    for entry in _walk(folder):
+    for entry in walk(folder):
         name = Path(entry.path).relative_to(folder).as_posix()
         if entry.is_dir(follow_symlinks=False):
             ours = name in parents or name == manifest.parent.relative_to(folder).as_posix()
@@ -138,7 +138,7 @@ def foreign_entry(folder: Path) -> str | None:
 def _write_manifest(folder: Path, manifest: str) -> None:
     files = sorted(
         (Path(entry.path).relative_to(folder).as_posix(), entry.stat(follow_symlinks=False).st_size)
-        for entry in _walk(folder)
+        for entry in walk(folder)
         if not entry.is_dir(follow_symlinks=False)
     )
     (folder / manifest).write_text(json.dumps({_MARK: dict(files)}) + "\n", encoding="utf-8")
@@ -150,13 +150,13 @@ def _find_manifest(folder: Path) -> Path | None:
     return next((file for file in places if file.is_file()), None)
 
 
-def _walk(folder: Path) -> Iterator[os.DirEntry[str]]:
+def walk(folder: Path) -> Iterator[os.DirEntry[str]]:
     """Everything in a folder and below, folders before what is in them; links are not followed."""
     with os.scandir(folder) as entries:
         for entry in sorted(entries, key=lambda entry: entry.name):
             yield entry
             if entry.is_dir(follow_symlinks=False):
-                yield from _walk(Path(entry.path))
+                yield from walk(Path(entry.path))
 
 
 def _place(temporary: Path, target: Path, path: Path) -> None:
@@ -287,7 +287,7 @@ def _flush_folder(folder: Path) -> None:
 
 
 def _flush_tree(folder: Path) -> None:
-    for entry in _walk(folder):
+    for entry in walk(folder):
         if entry.is_dir(follow_symlinks=False):
             _flush_folder(Path(entry.path))
         else:

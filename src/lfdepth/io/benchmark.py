@@ -16,6 +16,7 @@ from lfdepth.camera import Camera
 from lfdepth.errors import LightFieldError
 from lfdepth.io.atomic import atomic_folder
 from lfdepth.io.layout import Layout, size
+from lfdepth.io.limits import check_grid, check_inside, read_text
 from lfdepth.io.pfm import read_pfm, write_pfm
 from lfdepth.io.picture import checked_name, read_picture, write_mask, write_picture
 from lfdepth.io.record import Record, checked_map
@@ -57,9 +58,11 @@ def open_benchmark(path: Path, layout: Layout) -> ViewSource:
         If views are missing and it is not meant, or there are too many; if `parameters.cfg` is garbled or
         contradicts the files or the grid asked for; if the truth or a mask is damaged or of another size.
     """
-    parameters = read_parameters(path / _CONFIG) if (path / _CONFIG).exists() else None
     files = _view_files(path)
+    check_inside(path, [*files.values(), path / _CONFIG, path / _TRUTH])
+    parameters = read_parameters(path / _CONFIG) if (path / _CONFIG).exists() else None
     grid = parameters.grid if parameters else layout.of_count(max(files, default=-1) + 1, str(path))
+    check_grid(path, grid)
     present = _present(path, files, grid, layout)
     if parameters:
         _check_resolution(next(iter(files.values())), parameters.camera)
@@ -147,7 +150,7 @@ def read_parameters(path: Path) -> Parameters:
     """
     config = ConfigParser(interpolation=None)
     try:
-        config.read_string(path.read_text(encoding="utf-8"))
+        config.read_string(read_text(path))
     except (OSError, UnicodeDecodeError, ConfigError) as error:
         reason = " ".join(str(error).split())[:100]
         raise LightFieldError(
@@ -237,6 +240,7 @@ def _check_resolution(file: Path, camera: Camera) -> None:
 
 def _read_masks(path: Path) -> dict[str, npt.NDArray[np.bool_]]:
     files = sorted(file for file in path.iterdir() if _MASK.fullmatch(file.name))
+    check_inside(path, files)
     return {
         file.name.removeprefix("mask_").removesuffix("_lowres.png"): read_picture(file)[..., 0] > 0
         for file in files

@@ -14,6 +14,7 @@ import numpy as np
 from lfdepth.errors import LightFieldError
 from lfdepth.io.atomic import atomic_folder
 from lfdepth.io.layout import Layout, size
+from lfdepth.io.limits import check_grid, check_inside
 from lfdepth.io.notes import FILE, MASK, TRUTH, Notes, notes_of, read_notes
 from lfdepth.io.pfm import read_pfm, write_pfm
 from lfdepth.io.picture import ENDINGS, checked_name, read_picture, write_mask, write_picture
@@ -69,6 +70,7 @@ def open_folder(path: Path, layout: Layout) -> ViewSource:
         If names do not fit together, views are missing and it is not meant, or the grid is not the one
         asked for.
     """
+    check_inside(path, [path / FILE])
     notes = read_notes(path / FILE)
     if notes is not None:
         return _open_own(path, layout, notes)
@@ -113,14 +115,17 @@ def write_folder(path: Path, lf: LightField) -> None:
 def _open_own(path: Path, layout: Layout, notes: Notes) -> ViewSource:
     """A folder that `write_folder` wrote: names are positions in the grid that the notes tell."""
     grid = notes.shape[:2]
+    check_grid(path, grid)
     _check_grid(path, grid, layout)
     source = _source(path, _own_files(path, grid), grid, Layout(partial=True))
     if source.present is not None:
         missing = ~source.present if notes.present is None else ~source.present & notes.present
         row, column = divmod(int(np.argmax(missing)), grid[1])
         layout.checked(~missing, str(path), f"row {row}, column {column}")
+    mask_files = sorted((path / _MASKS).glob("*.png"))
+    check_inside(path, [path / _TRUTH, path / _MASKS, *mask_files])
     truth = {TRUTH: read_pfm(path / _TRUTH)} if (path / _TRUTH).exists() else {}
-    masks = {f"{MASK}{file.stem}": read_picture(file) for file in sorted((path / _MASKS).glob("*.png"))}
+    masks = {f"{MASK}{file.stem}": read_picture(file) for file in mask_files}
     return replace(notes.annotate(source, truth | masks), present=source.present)
 
 
@@ -139,9 +144,11 @@ def _own_files(path: Path, grid: tuple[int, int]) -> dict[tuple[int, int], Path]
 
 
 def _pictures(path: Path) -> list[Path]:
-    return sorted(
+    found = sorted(
         file for file in path.iterdir() if file.suffix.lower() in ENDINGS and not file.name.startswith(".")
     )
+    check_inside(path, found)
+    return found
 
 
 def _check_alike(path: Path, names: Sequence[_Name]) -> None:
@@ -222,6 +229,7 @@ def _placed(
 def _source(
     path: Path, files: dict[tuple[int, int], Path], grid: tuple[int, int], layout: Layout
 ) -> ViewSource:
+    check_grid(path, grid)
     present = np.zeros(grid, dtype=bool)
     for position in files:
         present[position] = True

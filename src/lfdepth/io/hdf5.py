@@ -10,10 +10,12 @@ import numpy as np
 import numpy.typing as npt
 
 from lfdepth.camera import Camera
-from lfdepth.io import signature, stack
+from lfdepth.errors import LightFieldError
+from lfdepth.io import limits, signature, stack
 from lfdepth.io.atomic import atomic
 from lfdepth.io.extras import need
 from lfdepth.io.layout import Layout
+from lfdepth.io.limits import readable
 from lfdepth.io.notes import KEY, Bundle
 from lfdepth.io.source import ViewSource
 from lfdepth.lightfield import LightField
@@ -42,11 +44,12 @@ def open_hdf5(path: Path, layout: Layout) -> ViewSource:
     """
     file = open_file(path, "hdf5")
     try:
-        arrays = datasets(file)
-        source = stack.open_arrays(arrays, file.attrs.get(KEY), path, layout, close=file.close)
-        if "LF" in arrays and {"dH", "focalLength", "shift"} <= set(file.attrs):
-            return _older_benchmark(source, file, arrays)
-        return source
+        with readable(path):
+            arrays = datasets(file)
+            source = stack.open_arrays(arrays, file.attrs.get(KEY), path, layout, close=file.close)
+            if "LF" in arrays and {"dH", "focalLength", "shift"} <= set(file.attrs):
+                return _older_benchmark(source, file, arrays)
+            return source
     except BaseException:
         file.close()
         raise
@@ -65,22 +68,44 @@ def write_views_hdf5(path: Path, lf: LightField) -> None:
 def open_file(path: Path, extra: str) -> Any:
     """Open an HDF5 file with h5py."""
     h5py = need("h5py", extra, path)
-    try:
+    with readable(path):
         return h5py.File(path, "r")
-    except OSError as error:
-        raise stack.unreadable(path, error) from None
 
 
 def datasets(file: Any) -> dict[str, Any]:
-    """All arrays of numbers in an HDF5 file by their path in it."""
+    """All arrays of numbers in an HDF5 file by their path in it.
+
+    Raises
+    ------
+    LightFieldError
+        If the file is damaged, or an array is somewhere else than in it, or asks for more memory than it may.
+    """
     found = {}
+    path = Path(file.filename)
 
     def visit(name: str, item: Any) -> None:
         if hasattr(item, "shape") and item.shape is not None and item.dtype.kind in "uif":
+            _check_dataset(item, path)
             found[name] = item
 
-    file.visititems(visit)
+    with readable(path):
+        file.visititems(visit)
     return found
+
+
+def _check_dataset(item: Any, path: Path) -> None:
+    elsewhere = [name for name, _, _ in item.external or ()]
+    if item.is_virtual:
+        elsewhere += [source.file_name for source in item.virtual_sources() if source.file_name != "."]
+    if elsewhere:
+        raise LightFieldError(
+            f"{path}: samples of {item.name} are in another file ({elsewhere[0]}), which is not opened; "
+            "expected them in this one; if you trust it, copy them into one (h5repack)"
+        )
+    stored = item.id.get_storage_size()
+    limits.check_unpacked(path, item.shape, item.dtype.itemsize, stored=stored, whole=False)
+    if item.chunks:
+        limits.check_unpacked(path, item.chunks, item.dtype.itemsize, stored=stored)
 
 
 def _older_benchmark(source: ViewSource, file: Any, arrays: dict[str, Any]) -> ViewSource:

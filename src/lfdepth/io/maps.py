@@ -14,6 +14,7 @@ from lfdepth.io import quilt
 from lfdepth.io.atomic import check_target
 from lfdepth.io.exr import read_exr, write_exr
 from lfdepth.io.extras import need
+from lfdepth.io.limits import check_file, readable
 from lfdepth.io.notes import read_notes
 from lfdepth.io.npy import axes_of_npy, read_npy, read_npz, write_npy, write_npz
 from lfdepth.io.pfm import read_pfm, write_pfm
@@ -125,7 +126,7 @@ def read_disparity(path: str | Path, *, finite: bool = True) -> npt.NDArray[np.f
     LightFieldError
         If the ending is unknown, the file is missing or damaged, or the map is not finite.
     """
-    return checked_map(_array(_read(Path(path))["disparity"]), str(path), finite=finite)
+    return checked_map(_array(Path(path), _read(Path(path))["disparity"]), str(path), finite=finite)
 
 
 def read_confidence(path: str | Path) -> npt.NDArray[np.float32] | None:
@@ -159,13 +160,18 @@ def read_record(path: str | Path) -> Record:
     """
     path = Path(path)
     found = _read(path)
-    ends = [float(end) for end in np.ravel(_array(found["range"]))] if "range" in found else None
+    with readable(path):
+        return _record(path, found)
+
+
+def _record(path: Path, found: Mapping[str, Any]) -> Record:
+    ends = [float(end) for end in np.ravel(_array(path, found["range"]))] if "range" in found else None
     return Record(
-        checked_map(_array(found["disparity"]), str(path)),
+        checked_map(_array(path, found["disparity"]), str(path)),
         confidence=_confidence(path, found),
         range=(ends[0], ends[1]) if ends is not None and len(ends) == 2 else None,
-        runtime=float(_array(found["runtime"])) if "runtime" in found else None,
-        parameters=str(_array(found["parameters"])) if "parameters" in found else None,
+        runtime=float(_array(path, found["runtime"])) if "runtime" in found else None,
+        parameters=str(_array(path, found["parameters"])) if "parameters" in found else None,
     )
 
 
@@ -192,6 +198,7 @@ def _read(path: Path) -> Mapping[str, Any]:
     check_ending(path, READABLE)
     if not path.exists():
         raise LightFieldError(f"{path}: no such file; expected a disparity map; check the path")
+    check_file(path)
     ending = path.suffix.lower()
     if ending in _BARE:
         return {"disparity": _BARE[ending](path)}
@@ -207,9 +214,12 @@ def _read(path: Path) -> Mapping[str, Any]:
 def _confidence(path: Path, found: Mapping[str, Any]) -> npt.NDArray[np.float32] | None:
     if "confidence" not in found:
         return None
-    return checked_map(_array(found["confidence"]), f"{path}: confidence")
+    return checked_map(_array(path, found["confidence"]), f"{path}: confidence")
 
 
-def _array(value: Any) -> npt.NDArray[Any]:
+def _array(path: Path, value: Any) -> npt.NDArray[Any]:
     """In memory, whatever part of a file it was."""
-    return np.array(value[...] if hasattr(value, "shape") else value)
+    if not hasattr(value, "shape"):
+        return np.array(value)
+    with readable(path):
+        return np.array(value[...])

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from math import inf, isfinite
+from math import inf, isfinite, prod
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ import numpy.typing as npt
 from lfdepth.camera import Camera
 from lfdepth.errors import LightFieldError
 from lfdepth.io.atomic import atomic
+from lfdepth.io.limits import read_text, readable
 from lfdepth.io.record import checked_map
 from lfdepth.io.source import ViewSource
 from lfdepth.lightfield import LightField, check_range
@@ -122,7 +123,7 @@ def parse_notes(text: object, what: str) -> Notes | None:
     """
     try:
         known = json.loads(str(text))
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     if not (isinstance(known, dict) and known.get(KEY) == _FORMAT):
         return None
@@ -132,7 +133,7 @@ def parse_notes(text: object, what: str) -> Notes | None:
             check_range(notes.disparity_range, "disparity_range")
         if notes.present is not None and notes.present.shape != notes.shape[:2]:
             raise ValueError(f"present is {notes.present.shape}")
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise LightFieldError(
             f"{what}: garbled ({' '.join(str(error).split())[:100]}); expected shape, present, "
             "disparity_range and camera as lfdepth writes them; write the light field again"
@@ -143,7 +144,7 @@ def parse_notes(text: object, what: str) -> Notes | None:
 def read_notes(path: Path) -> Notes | None:
     """Notes in a JSON file; None if there is none, or it is about something else."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
     except (FileNotFoundError, NotADirectoryError, IsADirectoryError, UnicodeDecodeError):
         return None
     return parse_notes(text, str(path))
@@ -174,17 +175,20 @@ def write_beside(path: Path, lf: LightField) -> None:
 
 def _map(values: Any, size: tuple[int, ...], what: str) -> npt.NDArray[np.float32]:
     """A map as (H, W), whatever axes of length 1 its format dropped or added."""
-    array = np.asarray(values[...])
-    if array.size != size[0] * size[1]:
+    if prod(values.shape) != size[0] * size[1]:
         raise LightFieldError(
-            f"{what}: array of shape {array.shape}; expected {size}, the views' size; "
+            f"{what}: array of shape {values.shape}; expected {size}, the views' size; "
             "write the light field again"
         )
+    with readable(what):
+        array = np.asarray(values[...])
     return checked_map(array.reshape(size), what)
 
 
 def _shape(known: list[int]) -> tuple[int, int, int, int, int]:
     v, u, h, w, c = (int(length) for length in known)
+    if min(v, u, h, w, c) < 1:
+        raise ValueError(f"shape is {known}")
     return v, u, h, w, c
 
 

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import zipfile
-import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from math import prod
@@ -45,7 +42,7 @@ def open_npy(path: Path, layout: Layout) -> ViewSource:
     LightFieldError
         If the file is truncated or is no light field, or the notes beside it are garbled or about another.
     """
-    with _readable(path):
+    with limits.readable(path):
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     notes = read_notes(beside(path))
     source = stack.open_stack(array, path, layout, notes=notes)
@@ -73,13 +70,13 @@ def read_npy(path: Path) -> npt.NDArray[Any]:
     LightFieldError
         If the file is truncated, no NPY file, or holds Python objects.
     """
-    with _readable(path):
-        return np.asarray(np.load(path, allow_pickle=False))
+    with limits.readable(path):
+        return np.array(np.load(path, mmap_mode="r", allow_pickle=False))
 
 
 def axes_of_npy(path: Path) -> int:
     """How many axes the array of an NPY file has."""
-    with _readable(path):
+    with limits.readable(path):
         return int(np.load(path, mmap_mode="r", allow_pickle=False).ndim)
 
 
@@ -139,6 +136,8 @@ class _Member:
         The archive, and the array's name in it.
     shape, dtype, fortran_order
         From its header.
+    stored
+        Bytes that the archive stores of it.
     start
         Where the samples start in the archive, if they are not compressed.
     """
@@ -148,6 +147,7 @@ class _Member:
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     fortran_order: bool
+    stored: int
     start: int | None
 
     def __getitem__(self, index: Any, /) -> Any:
@@ -162,27 +162,30 @@ class _Member:
     def _values(self) -> npt.NDArray[Any]:
         if self.start is not None and self.shape and 0 not in self.shape and not self.dtype.hasobject:
             order: Any = "F" if self.fortran_order else "C"
-            with _readable(self.path):
+            with limits.readable(self.path):
                 return np.memmap(self.path, self.dtype, "r", self.start, self.shape, order)
-        limits.check_unpacked(self.path, self.nbytes)
-        with _readable(self.path), np.load(self.path, allow_pickle=False) as archive:
-            return np.asarray(archive[self.name])
+        limits.check_unpacked(self.path, self.shape, self.dtype.itemsize, stored=self.stored)
+        with limits.readable(self.path):
+            with zipfile.ZipFile(self.path) as archive, archive.open(f"{self.name}.npy") as file:
+                return np.asarray(np.lib.format.read_array(file, allow_pickle=False))
 
 
 def _read_members(path: Path) -> dict[str, _Member]:
     """The arrays of an archive, without unpacking any."""
     members = {}
-    with _readable(path), zipfile.ZipFile(path) as archive, path.open("rb") as raw:
+    with limits.readable(path), zipfile.ZipFile(path) as archive, path.open("rb") as raw:
         for info in archive.infolist():
             if info.filename.endswith(".npy"):
                 name = info.filename.removesuffix(".npy")
+                if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                    raise ValueError(f"{name} is packed in a way that NumPy does not use")
                 with archive.open(info) as file:
                     shape, fortran_order, dtype = _read_header(file)
                     header = file.tell()
                 whole = header + prod(shape) * dtype.itemsize == info.file_size
                 stored = whole and info.compress_type == zipfile.ZIP_STORED
                 start = _data_start(raw, info) + header if stored else None
-                members[name] = _Member(path, name, shape, dtype, fortran_order, start)
+                members[name] = _Member(path, name, shape, dtype, fortran_order, info.compress_size, start)
     return members
 
 
@@ -197,12 +200,3 @@ def _read_header(file: Any) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
     if np.lib.format.read_magic(file) == (1, 0):
         return np.lib.format.read_array_header_1_0(file)
     return np.lib.format.read_array_header_2_0(file)
-
-
-@contextmanager
-def _readable(path: Path) -> Iterator[None]:
-    """Turn what NumPy and zipfile raise on damaged files into one line."""
-    try:
-        yield
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
-        raise stack.unreadable(path, error) from None

@@ -21,6 +21,9 @@ ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 
 # A third of the time of the usual level, for a tenth more bytes.
 _PNG_LEVEL = 3
+_PILLOW_FORMATS = ("JPEG", "BMP", "WEBP")
+# Compressions of TIFF whose decoders stop where the page ends: none, LZW, deflate, PackBits, LZMA, Zstandard.
+_TIFF_PACKING = (1, 5, 8, 32946, 32773, 34925, 34926, 50000)
 # The colour type in a PNG header.
 _PNG_MODES = {0: "L", 2: "RGB", 3: "P", 4: "LA", 6: "RGBA"}
 
@@ -117,7 +120,7 @@ def _decode_png(path: Path, header: bytes, drop_alpha: bool) -> tuple[npt.NDArra
     if mode not in ("L", "RGB") and not (drop_alpha and mode == "RGBA"):
         return np.empty((1, 1)), mode
     width, height = (int.from_bytes(header[at : at + 4], "big") for at in (16, 20))
-    limits.check_unpacked(path, width * height * len(mode) * header[24] // 8)
+    limits.check_unpacked(path, (height, width, len(mode)), max(1, header[24] // 8))
     pixels = np.asarray(imagecodecs.png_decode(path.read_bytes()))
     channels = 1 if mode == "L" else 3
     return (pixels if pixels.ndim == 2 else pixels[..., :channels]), "L" if channels == 1 else "RGB"
@@ -128,8 +131,24 @@ def _decode_tiff(path: Path) -> tuple[npt.NDArray[Any], str]:
         return decode_page(file.pages[0])
 
 
+def check_page(page: Any) -> None:
+    """Raise LightFieldError if a page of a TIFF asks for more memory than it may, or is packed otherwise.
+
+    Formats within the format, such as JPEG, have sizes of their own, which may be others than the page says.
+    """
+    path = Path(page.parent.filehandle.path)
+    limits.check_unpacked(path, page.shape, 1 if page.dtype is None else page.dtype.itemsize)
+    packing = page.keyframe.compression
+    if packing not in _TIFF_PACKING:
+        raise LightFieldError(
+            f"{path}: page packed as {getattr(packing, 'name', packing)}; expected none, LZW, deflate, "
+            "PackBits, LZMA or Zstandard; store it as one of these"
+        )
+
+
 def decode_page(page: Any) -> tuple[npt.NDArray[Any], str]:
     """A page of a TIFF in native byte order, and the mode that it would have elsewhere."""
+    check_page(page)
     pixels = np.asarray(page.asarray())
     kind, bits = page.photometric.name, page.bitspersample
     if kind in ("PALETTE", "MINISWHITE") or bits != 8 * pixels.dtype.itemsize:
@@ -147,6 +166,8 @@ def decode_page(page: Any) -> tuple[npt.NDArray[Any], str]:
 def _decode_with_pillow(path: Path) -> tuple[npt.NDArray[Any], str]:
     from PIL import Image, ImageOps
 
-    with Image.open(path) as picture:
+    # Of all that Pillow knows: it would hand PostScript, for example, to an interpreter.
+    with Image.open(path, formats=_PILLOW_FORMATS) as picture:
+        limits.check_unpacked(path, (picture.height, picture.width, len(picture.getbands())), 1)
         upright = ImageOps.exif_transpose(picture)  # cameras store portraits lying down
         return np.asarray(upright), upright.mode

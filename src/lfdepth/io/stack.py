@@ -11,6 +11,8 @@ import numpy.typing as npt
 
 from lfdepth.errors import LightFieldError
 from lfdepth.io.layout import Layout, size
+from lfdepth.io.limits import readable
+from lfdepth.io.limits import unreadable as unreadable
 from lfdepth.io.notes import KEY, Notes, parse_notes
 from lfdepth.io.source import ViewSource
 
@@ -139,12 +141,8 @@ def open_stack(
 
     def read_part(v: int, u: int, rows: slice, columns: slice) -> npt.NDArray[Any]:
         at = {"N": v * grid[1] + u, "V": v, "U": u, "H": rows, "W": columns}
-        try:
+        with readable(path):
             view = np.asarray(array[tuple(at.get(axis, slice(None)) for axis in axes)])
-        except LightFieldError:  # a ValueError, too
-            raise
-        except (OSError, ValueError, RuntimeError) as error:
-            raise unreadable(path, error) from error
         return _as_samples(_as_hwc(view, axes)[..., :channels])
 
     return ViewSource(
@@ -155,12 +153,6 @@ def open_stack(
         close=close,
         name=path.stem,
     )
-
-
-def unreadable(path: Path, error: Exception) -> LightFieldError:
-    """The error for a file that a library gave up on."""
-    reason = " ".join(str(error).split())[:100] or type(error).__name__
-    return LightFieldError(f"{path}: not readable ({reason}); expected a complete file; copy it again")
 
 
 def _check_notes(shape: tuple[int, ...], notes: Notes, path: Path) -> None:

@@ -16,7 +16,7 @@ from lfdepth.io.atomic import atomic
 from lfdepth.io.extras import need_tifffile
 from lfdepth.io.layout import Layout
 from lfdepth.io.notes import KEY, Notes, notes_of, parse_notes
-from lfdepth.io.picture import decode_page
+from lfdepth.io.picture import check_page, decode_page
 from lfdepth.io.record import Record
 from lfdepth.io.source import ViewSource
 from lfdepth.lightfield import LightField
@@ -40,7 +40,7 @@ def open_tiff(path: Path, layout: Layout) -> ViewSource:
     """
     tifffile = need_tifffile(path)
     try:
-        file = tifffile.TiffFile(path)
+        file = tifffile.TiffFile(path, _multifile=False)  # what other files hold is not asked for
         count, axes = len(file.pages), tuple(file.series[0].shape)
         description = str(file.pages[0].description)
     except Exception as error:  # tifffile raises many kinds on damaged files
@@ -51,6 +51,8 @@ def open_tiff(path: Path, layout: Layout) -> ViewSource:
         try:
             with lock:
                 pixels, mode = decode_page(file.pages[v * grid[1] + u])
+        except LightFieldError:  # a ValueError, too
+            raise
         except Exception as error:
             raise stack.unreadable(path, error) from error
         if mode not in ("L", "RGB"):
@@ -107,7 +109,11 @@ def read_tiff(path: Path) -> npt.NDArray[Any]:
     """
     tifffile = need_tifffile(path)
     try:
-        return np.asarray(tifffile.imread(path))
+        with tifffile.TiffFile(path) as file:
+            check_page(file.pages[0])  # and not a series, whose pages may be in other files
+            return np.asarray(file.pages[0].asarray())
+    except LightFieldError:  # a ValueError, too
+        raise
     except Exception as error:
         raise stack.unreadable(path, error) from None
 
