@@ -1,7 +1,7 @@
 """Checks of MATLAB 5 files before SciPy reads them, which takes lengths and types in them on trust.
 
-The format is that of "MAT-File Format" (The MathWorks): a header of 128 bytes, then elements, each a tag with type
-and length, then data. Variables are matrices, whose parts are elements; they may be compressed.
+The format is that of "MAT-File Format" (The MathWorks): a header of 128 bytes, then elements, each a tag with
+type and length, then data. Variables are matrices, whose parts are elements; they may be compressed.
 """
 
 from __future__ import annotations

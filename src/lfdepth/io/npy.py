@@ -165,9 +165,12 @@ class _Member:
             with limits.readable(self.path):
                 return np.memmap(self.path, self.dtype, "r", self.start, self.shape, order)
         limits.check_unpacked(self.path, self.shape, self.dtype.itemsize, stored=self.stored)
-        with limits.readable(self.path):
-            with zipfile.ZipFile(self.path) as archive, archive.open(f"{self.name}.npy") as file:
-                return np.asarray(np.lib.format.read_array(file, allow_pickle=False))
+        with (
+            limits.readable(self.path),
+            zipfile.ZipFile(self.path) as archive,
+            archive.open(f"{self.name}.npy") as file,
+        ):
+            return np.asarray(np.lib.format.read_array(file, allow_pickle=False))
 
 
 def _read_members(path: Path) -> dict[str, _Member]:
