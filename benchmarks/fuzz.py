@@ -4,8 +4,8 @@
     python benchmarks/fuzz.py --only map-exr --inputs 500
     python benchmarks/fuzz.py --number 1234 --seed 1 --keep bad      # one of them again
 
-Every input runs in a process of its own, with at most 10 s and 1.5 GB. Seeds, damage and what counts as bad are in
-tests/fuzz; 500 inputs run with the tests.
+Every input runs in a process of its own, with at most 10 s and 1.5 GB. Seeds, damage and what counts as bad
+are in tests/fuzz; 500 inputs run with the tests.
 """
 
 from __future__ import annotations
@@ -20,8 +20,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests/fuzz"))
 
 from fuzz_run import Outcome, run, summary
-
-from reporting import machine_line, markdown, write_json
+from reporting import Cell, machine_line, markdown, write_json
 
 _BATCH = 250
 
@@ -54,7 +53,9 @@ def main() -> int:
             print(f"{len(outcomes)} inputs", file=sys.stderr, flush=True)
     table = summary(outcomes)
     columns = ("read", "refused", "bad")
-    rows = [[name, *(counts.get(each, 0) for each in columns)] for name, counts in table.items()]
+    rows: list[list[Cell]] = [
+        [name, *(counts.get(each, 0) for each in columns)] for name, counts in table.items()
+    ]
     rows.append(["all", *(sum(counts.get(each, 0) for counts in table.values()) for each in columns)])
     print(markdown(("file", *columns), rows))
     bad = sum(outcome.bad for outcome in outcomes)

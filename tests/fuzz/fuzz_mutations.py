@@ -1,4 +1,4 @@
-"""Damage to files: bits, lengths, texts and pieces; and to folders: files that are missing, empty or swapped."""
+"""Damage to files: bits, lengths, texts, pieces; and to folders: files that are missing, empty or swapped."""
 
 from __future__ import annotations
 

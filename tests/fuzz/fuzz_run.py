@@ -1,8 +1,8 @@
 """Damaged files through the command line, each in a child process with bounds on time and memory.
 
 Bad is whatever is neither a result nor one clean line of error: a traceback, a process that ends by itself or
-takes too long or too much memory, words on standard output that are not the result, files that were written or
-changed. Everything that is heavy is loaded once; children are forked from there, so an input takes milliseconds.
+takes too long or too much memory, words on standard output that are not the result, files that were written
+or changed. What is heavy is loaded once; children are forked from there, so an input takes milliseconds.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from pathlib import Path
 from random import Random
 
 import numpy as np
+
 from fuzz_mutations import damage
 from fuzz_seeds import COMMANDS, Seed, make_seeds
 
@@ -36,10 +37,14 @@ MEMORY = 1.5e9
 """Bytes; an input whose process has more of them in memory is bad."""
 
 _LIBRARIES = (
-    "lfdepth.cli.commands", "lfdepth.cli.experiments", "lfdepth.io", "lfdepth.scoring", "lfdepth.bench.submission",
-    "lfdepth.io.zarr_store", "h5py", "zarr", "scipy.io", "tifffile", "imagecodecs", "PIL.Image", "numpy",
+    "lfdepth.cli.commands", "lfdepth.cli.experiments", "lfdepth.io", "lfdepth.scoring",
+    "lfdepth.bench.submission", "lfdepth.io.zarr_store", "h5py", "zarr", "scipy.io", "tifffile",
+    "imagecodecs", "PIL.Image", "numpy",
     "PIL.JpegImagePlugin", "PIL.BmpImagePlugin", "PIL.WebPImagePlugin", "cyclopts", "lfdepth.estimation",
 )  # fmt: skip
+# Lines on standard error that may stand beside a result; and what libraries of C print there.
+_REMARKS = ("failed: ", "mask left out: ")
+_CHATTER = ("PNG warning: ",)
 _ADDRESS_SPACE = 4 << 30  # beyond what is loaded already: memory that is asked for, and not only touched
 
 
@@ -138,7 +143,7 @@ def _judge(status: int, printed: str, errors: str, kind: str) -> tuple[str, str]
     if os.WIFSIGNALED(status):
         return "ended", signal.Signals(os.WTERMSIG(status)).name
     code = os.waitstatus_to_exitcode(status)
-    lines = errors.splitlines()
+    lines = [line for line in errors.splitlines() if not line.startswith(_CHATTER)]
     if code == 99 or "Traceback" in errors:
         return "traceback", errors.strip()[-1500:]
     if code == 2:
@@ -149,7 +154,7 @@ def _judge(status: int, printed: str, errors: str, kind: str) -> tuple[str, str]
         json.loads(printed)
     except ValueError:
         return "spoilt output", f"{printed[:300]!r} {errors[:300]!r}"
-    stray = [line for line in lines if not line.startswith(("failed: ", "mask left out: "))]
+    stray = [line for line in lines if not line.startswith(_REMARKS)]
     if code not in (0, 1) or stray:
         return "unclean result", f"status {code}, stderr {errors[:300]!r}"
     return ("refused" if kind == "submission" and code == 1 else "read"), ""

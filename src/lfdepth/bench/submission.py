@@ -226,6 +226,8 @@ def _problems(source: zipfile.ZipFile, scratch: Path) -> Iterator[str]:
             yield f"{name}: missing; expected it for each of the twelve scenes; add it"
         elif (size := source.getinfo(top + name).file_size) > _LARGEST:
             yield f"{name}: {size} bytes; expected at most {_LARGEST}; write it again"
+        elif source.getinfo(top + name).compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            yield f"{name}: packed otherwise than by deflate; expected that; make the zip again"
         else:
             yield from _file_problems(source, top + name, scratch / PurePosixPath(name).name, name, check)
 

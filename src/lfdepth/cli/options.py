@@ -161,14 +161,14 @@ class Reading:
     sensor_mm: float | None = None
     focus_m: float | None = None
 
-    def read(self, scene: Path) -> LightField:
-        """Read a light field."""
+    def read(self, scene: Path, unusable: dict[str, str] | None = None) -> LightField:
+        """Read a light field; `unusable` takes the masks that cannot be used, as in `lfdepth.read`."""
         import lfdepth
 
         options = dict(vars(self))
         for short, long in _LONG_NAMES.items():
             options[long] = options.pop(short)
-        return lfdepth.read(scene, **options)
+        return lfdepth.read(scene, unusable=unusable, **options)
 
     def check_order(self, lf: LightField) -> Orientation:
         """Test on the pixels whether the views that were read so are in order."""

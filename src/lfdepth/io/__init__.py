@@ -28,6 +28,7 @@ from lfdepth.io.ply import write_ply
 from lfdepth.io.record import Record, as_depth, as_record
 from lfdepth.io.source import Selection, assemble
 from lfdepth.io.stack import unreadable
+from lfdepth.io.unchanged import unchanged
 from lfdepth.io.writing import check_light_field_writable, write_light_field
 from lfdepth.lightfield import LightField
 
@@ -64,6 +65,7 @@ def read(
     sensor_size_mm: float | None = None,
     focus_distance_m: float | None = None,
     check: bool = False,
+    unusable: dict[str, str] | None = None,
 ) -> LightField:
     """Read a light field.
 
@@ -93,6 +95,9 @@ def read(
     check : bool
         Test on the pixels whether the grid of views is in order, and refuse it if it is not. Where the scene
         cannot tell, a warning says so.
+    unusable : dict, optional
+        Takes the names of masks that are damaged or of another size than the views, with the reason; the
+        rest is read. Without it, such a mask is an error.
 
     Returns
     -------
@@ -111,7 +116,14 @@ def read(
     check_file(path)
     selection = Selection(views, crop, scale, transpose, flip_v, flip_u, camera)
     try:
-        lf = assemble(find_format(path, format).open(path, Layout(grid, partial)), selection)
+        with unchanged(path):
+            source = find_format(path, format).open(path, Layout(grid, partial))
+            if source.unusable and unusable is None:
+                source.close()
+                raise LightFieldError(next(iter(source.unusable.values())))
+            lf = assemble(source, selection)
+        if unusable is not None:
+            unusable.update(source.unusable)
     except OSError as error:  # a folder where a file should be, missing permissions
         raise unreadable(path, error) from None
     if check:

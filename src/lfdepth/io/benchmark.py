@@ -56,7 +56,7 @@ def open_benchmark(path: Path, layout: Layout) -> ViewSource:
     ------
     LightFieldError
         If views are missing and it is not meant, or there are too many; if `parameters.cfg` is garbled or
-        contradicts the files or the grid asked for; if the truth or a mask is damaged or of another size.
+        contradicts the files or the grid asked for; if the truth is damaged or of another size.
     """
     files = _view_files(path)
     check_inside(path, [*files.values(), path / _CONFIG, path / _TRUTH])
@@ -66,6 +66,8 @@ def open_benchmark(path: Path, layout: Layout) -> ViewSource:
     present = _present(path, files, grid, layout)
     if parameters:
         _check_resolution(next(iter(files.values())), parameters.camera)
+
+    masks, unusable = _read_masks(path, next(iter(files.values())))
 
     def file(v: int, u: int) -> Path:
         number = v * grid[1] + u
@@ -79,7 +81,8 @@ def open_benchmark(path: Path, layout: Layout) -> ViewSource:
         camera=parameters.camera if parameters else None,
         disparity_range=parameters.disparity_range if parameters else None,
         truth=checked_map(read_pfm(path / _TRUTH), str(path / _TRUTH)) if (path / _TRUTH).exists() else None,
-        masks=_read_masks(path),
+        masks=masks,
+        unusable=unusable,
         name=path.resolve().name,
     )
 
@@ -238,10 +241,22 @@ def _check_resolution(file: Path, camera: Camera) -> None:
         )
 
 
-def _read_masks(path: Path) -> dict[str, npt.NDArray[np.bool_]]:
+def _read_masks(path: Path, view: Path) -> tuple[dict[str, npt.NDArray[np.bool_]], dict[str, str]]:
+    """Masks of the views' size by name; and of the others, why they cannot be used."""
     files = sorted(file for file in path.iterdir() if _MASK.fullmatch(file.name))
-    check_inside(path, files)
-    return {
-        file.name.removeprefix("mask_").removesuffix("_lowres.png"): read_picture(file)[..., 0] > 0
-        for file in files
-    }
+    size = read_picture(view).shape[:2] if files else (0, 0)
+    masks, unusable = {}, {}
+    for file in files:
+        name = file.name.removeprefix("mask_").removesuffix("_lowres.png")
+        try:
+            check_inside(path, [file])
+            mask = read_picture(file)[..., 0]
+        except LightFieldError as error:
+            unusable[name] = str(error)
+            continue
+        if mask.shape == size:
+            masks[name] = mask > 0
+        else:
+            found, expected = (f"{shape[1]}x{shape[0]} px" for shape in (mask.shape, size))
+            unusable[name] = f"{file}: {found}; expected {expected}; replace it"
+    return masks, unusable

@@ -1,4 +1,4 @@
-"""How far files are trusted, which may come from anybody: how much memory they may ask for, and where they lead.
+"""How far files are trusted, which may come from anybody: what memory they may ask for, and where they lead.
 
 Every reader asks here before it unpacks or opens anything, so that a small file cannot fill the memory, and a
 folder cannot make its reader open files outside of it.
@@ -24,7 +24,7 @@ MAX_VIEWS = 1 << 20
 """Most views of a grid, there or absent."""
 
 MAX_RATIO = 200
-"""How many times the bytes that are stored of it a larger array may have. Pictures of scenes have less than 10."""
+"""How many times the bytes stored of it a larger array may have. Those of scenes have less than 10 times."""
 
 _MOST_TEXT = 16 << 20  # notes on 1000×1000 views take 4 MB
 

@@ -18,9 +18,11 @@ from lfdepth.io.limits import check_file, readable
 from lfdepth.io.notes import read_notes
 from lfdepth.io.npy import axes_of_npy, read_npy, read_npz, write_npy, write_npz
 from lfdepth.io.pfm import read_pfm, write_pfm
-from lfdepth.io.png import read_png, scale_file, write_png
+from lfdepth.io.png import has_scale, read_png, scale_file, write_png
+from lfdepth.io.png_text import text_in
 from lfdepth.io.record import Record, checked_map
 from lfdepth.io.tiff import pages_of_tiff, read_tiff, write_tiff
+from lfdepth.io.unchanged import unchanged
 from lfdepth.io.zarr_store import is_zarr, read_zarr, write_zarr
 
 _WRITERS = {
@@ -95,7 +97,9 @@ def is_map(path: str | Path) -> bool:
     if ending not in READABLE or not path.is_file():
         return False
     if ending == ".png":
-        return scale_file(path).exists() and read_notes(scale_file(path)) is None
+        return has_scale(path) or (
+            text_in(path) is None and scale_file(path).exists() and read_notes(scale_file(path)) is None
+        )
     if ending == ".npz":
         return "disparity" in read_npz(path)
     if ending == ".npy":
@@ -126,7 +130,9 @@ def read_disparity(path: str | Path, *, finite: bool = True) -> npt.NDArray[np.f
     LightFieldError
         If the ending is unknown, the file is missing or damaged, or the map is not finite.
     """
-    return checked_map(_array(Path(path), _read(Path(path))["disparity"]), str(path), finite=finite)
+    path = Path(path)
+    with unchanged(path):
+        return checked_map(_array(path, _read(path)["disparity"]), str(path), finite=finite)
 
 
 def read_confidence(path: str | Path) -> npt.NDArray[np.float32] | None:
@@ -147,7 +153,9 @@ def read_confidence(path: str | Path) -> npt.NDArray[np.float32] | None:
     LightFieldError
         If the ending is unknown, the file is missing or damaged, or its confidence is no finite map.
     """
-    return _confidence(Path(path), _read(Path(path)))
+    path = Path(path)
+    with unchanged(path):
+        return _confidence(path, _read(path))
 
 
 def read_record(path: str | Path) -> Record:
@@ -159,8 +167,8 @@ def read_record(path: str | Path) -> Record:
         As `read_disparity` and `read_confidence`.
     """
     path = Path(path)
-    found = _read(path)
-    with readable(path):
+    with unchanged(path), readable(path):
+        found = _read(path)
         return _record(path, found)
 
 

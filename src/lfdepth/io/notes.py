@@ -18,7 +18,6 @@ import numpy.typing as npt
 
 from lfdepth.camera import Camera
 from lfdepth.errors import LightFieldError
-from lfdepth.io.atomic import atomic
 from lfdepth.io.limits import read_text, readable
 from lfdepth.io.record import checked_map
 from lfdepth.io.source import ViewSource
@@ -153,24 +152,6 @@ def read_notes(path: Path) -> Notes | None:
 def beside(path: Path) -> Path:
     """Where the notes of a file are that cannot hold them."""
     return path.with_suffix(".json")
-
-
-def write_beside(path: Path, lf: LightField) -> None:
-    """Write the notes of a file that cannot hold them.
-
-    Raises
-    ------
-    LightFieldError
-        If a file of that name is there and holds something else, such as the scale of a map.
-    """
-    file = beside(path)
-    if file.exists() and read_notes(file) is None:
-        raise LightFieldError(
-            f"{file}: holds something else; expected to write there what {path.name} cannot hold; choose "
-            "another name"
-        )
-    with atomic(file) as temporary:
-        temporary.write_text(notes_of(lf).text(), encoding="utf-8")
 
 
 def _map(values: Any, size: tuple[int, ...], what: str) -> npt.NDArray[np.float32]:

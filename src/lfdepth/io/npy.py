@@ -5,6 +5,7 @@ from __future__ import annotations
 import zipfile
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import takewhile
 from math import prod
 from pathlib import Path
 from typing import IO, Any
@@ -14,8 +15,9 @@ import numpy.typing as npt
 
 from lfdepth.io import limits, signature, stack
 from lfdepth.io.atomic import atomic
+from lfdepth.io.beside import notes_beside, write_with_notes
 from lfdepth.io.layout import Layout
-from lfdepth.io.notes import KEY, Bundle, beside, read_notes, write_beside
+from lfdepth.io.notes import KEY, Bundle
 from lfdepth.io.record import Record
 from lfdepth.io.source import ViewSource
 from lfdepth.lightfield import LightField
@@ -44,8 +46,9 @@ def open_npy(path: Path, layout: Layout) -> ViewSource:
     """
     with limits.readable(path):
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-    notes = read_notes(beside(path))
-    source = stack.open_stack(array, path, layout, notes=notes)
+    notes = notes_beside(path)
+    on_disk = _OnDisk(path, array.shape, array.dtype, array.offset) if array.flags.c_contiguous else array
+    source = stack.open_stack(on_disk, path, layout, notes=notes)
     return source if notes is None else notes.annotate(source)
 
 
@@ -114,9 +117,7 @@ def write_npz(path: Path, record: Record) -> None:
 
 def write_views_npy(path: Path, lf: LightField) -> None:
     """Write the views (V, U, H, W, C), and beside them what NPY cannot hold, as `NAME.json`."""
-    with atomic(path) as temporary:
-        np.save(temporary, lf.views)
-        write_beside(path, lf)
+    write_with_notes(path, lf, lambda temporary: np.save(temporary, lf.views))
 
 
 def write_views_npz(path: Path, lf: LightField) -> None:
@@ -124,6 +125,32 @@ def write_views_npz(path: Path, lf: LightField) -> None:
     bundle = Bundle.of(lf)
     with atomic(path) as temporary:
         np.savez(temporary, allow_pickle=False, **{KEY: np.asarray(bundle.text)}, **bundle.arrays)
+
+
+@dataclass(frozen=True)
+class _OnDisk:
+    """An array (C order) that lies in a file as it is; parts of it are read when they are asked for.
+
+    Mapped into memory, a file that somebody cuts short while it is read would end the process.
+    """
+
+    path: Path
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    offset: int
+
+    def __getitem__(self, index: Any, /) -> Any:
+        first = index if isinstance(index, tuple) else (index,)
+        fixed = tuple(takewhile(lambda each: isinstance(each, (int, np.integer)), first))
+        inner = self.shape[len(fixed) :]
+        if not fixed and first != (...,):  # pixels before views: parts are spread over all of the file
+            return np.memmap(self.path, self.dtype, "r", self.offset, self.shape)[index]
+        place = sum(int(i) * prod(self.shape[axis + 1 :]) for axis, i in enumerate(fixed))
+        count = prod(inner)
+        block = np.fromfile(self.path, self.dtype, count, offset=self.offset + place * self.dtype.itemsize)
+        if block.size != count:
+            raise ValueError("the file has become shorter")
+        return block.reshape(inner)[first[len(fixed) :]]
 
 
 @dataclass(frozen=True)
@@ -159,11 +186,12 @@ class _Member:
         return prod(self.shape) * self.dtype.itemsize
 
     @cached_property
-    def _values(self) -> npt.NDArray[Any]:
+    def _values(self) -> Any:
         if self.start is not None and self.shape and 0 not in self.shape and not self.dtype.hasobject:
-            order: Any = "F" if self.fortran_order else "C"
+            if not self.fortran_order:
+                return _OnDisk(self.path, self.shape, self.dtype, self.start)
             with limits.readable(self.path):
-                return np.memmap(self.path, self.dtype, "r", self.start, self.shape, order)
+                return np.memmap(self.path, self.dtype, "r", self.start, self.shape, "F")
         limits.check_unpacked(self.path, self.shape, self.dtype.itemsize, stored=self.stored)
         with (
             limits.readable(self.path),

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from lfdepth.errors import LightFieldError
 from lfdepth.io import limits, signature
 from lfdepth.io.extras import need_tifffile
+from lfdepth.io.png_text import with_text
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 """File names that are taken for pictures."""
@@ -69,7 +70,7 @@ def read_picture(path: Path, *, drop_alpha: bool = False) -> npt.NDArray[Any]:
     return pixels if pixels.ndim == 3 else pixels[..., None]
 
 
-def write_picture(path: Path, pixels: npt.NDArray[Any]) -> None:
+def write_picture(path: Path, pixels: npt.NDArray[Any], *, text: str | None = None) -> None:
     """Encode a grey or RGB picture (H, W, C) by the path's ending, exactly.
 
     Parameters
@@ -78,12 +79,15 @@ def write_picture(path: Path, pixels: npt.NDArray[Any]) -> None:
         Ends in `.png` or `.tif`.
     pixels : ndarray
         uint8 or uint16; for TIFF also float32.
+    text : str, optional
+        What a PNG says of itself; see `png_text`.
     """
     squeezed = np.ascontiguousarray(pixels[..., 0] if pixels.shape[2] == 1 else pixels)
     if path.suffix.lower() == ".png":
         import imagecodecs
 
-        path.write_bytes(imagecodecs.png_encode(squeezed, level=_PNG_LEVEL))
+        png = bytes(imagecodecs.png_encode(squeezed, level=_PNG_LEVEL))
+        path.write_bytes(png if text is None else with_text(png, text))
     else:
         photometric = "minisblack" if squeezed.ndim == 2 else "rgb"
         need_tifffile(path).imwrite(path, squeezed, photometric=photometric, metadata=None)
@@ -149,8 +153,9 @@ def check_page(page: Any) -> None:
 def decode_page(page: Any) -> tuple[npt.NDArray[Any], str]:
     """A page of a TIFF in native byte order, and the mode that it would have elsewhere."""
     check_page(page)
+    first = page.keyframe  # pages like the first have no tags of their own
     pixels = np.asarray(page.asarray())
-    kind, bits = page.photometric.name, page.bitspersample
+    kind, bits = first.photometric.name, first.bitspersample
     if kind in ("PALETTE", "MINISWHITE") or bits != 8 * pixels.dtype.itemsize:
         return pixels, f"{kind} with {bits} bits"
     if pixels.dtype.kind == "f":

@@ -40,6 +40,8 @@ class ViewSource:
         How many views (V, U) around the reference view are read unless the caller says otherwise.
     close : callable
         Called when all views are read.
+    unusable : mapping of str to str
+        Masks that are damaged or not of the views' size, with the reason.
     camera, disparity_range, truth, masks, name
         As in `LightField`; truth and masks are those of the view (V // 2, U // 2).
     """
@@ -55,6 +57,7 @@ class ViewSource:
     disparity_range: tuple[float, float] | None = None
     truth: npt.NDArray[np.float32] | None = None
     masks: Mapping[str, npt.NDArray[np.bool_]] = field(default_factory=dict)
+    unusable: Mapping[str, str] = field(default_factory=dict)
     name: str = "light field"
 
 

@@ -17,7 +17,7 @@ from lfdepth.io.notes import KEY, Notes, parse_notes
 from lfdepth.io.source import ViewSource
 
 # What light field arrays are called, the likeliest first.
-_NAMES = ("LF", "lf", "views", "light_field", "lightfield", "lightField", "LightField")
+NAMES = ("LF", "lf", "views", "light_field", "lightfield", "lightField", "LightField")
 
 # N is a running number of views. The first layout that fits is taken.
 _LAYOUTS = {
@@ -51,7 +51,7 @@ def choose_array(shapes: Mapping[str, tuple[int, ...]], path: Path) -> str:
         If there is none, or several.
     """
     stacks = [name for name, shape in shapes.items() if len(shape) in _LAYOUTS]
-    named = [name for name in _NAMES if name in stacks]
+    named = [name for name in NAMES if name in stacks]
     candidates = named[:1] or [name for name in stacks if len(shapes[name]) > 3] or stacks
     if len(candidates) == 1:
         return candidates[0]

@@ -15,12 +15,13 @@ from lfdepth.io.atomic import MANIFEST, atomic_folder, walk
 from lfdepth.io.extras import need
 from lfdepth.io.layout import Layout
 from lfdepth.io.limits import check_inside, read_text, readable
-from lfdepth.io.notes import KEY, Bundle
+from lfdepth.io.notes import KEY, MASK, TRUTH, Bundle
 from lfdepth.io.record import Record
 from lfdepth.io.source import ViewSource
 from lfdepth.lightfield import LightField
 
 _MARKERS = ("zarr.json", ".zarray", ".zgroup")
+_LOOKED_FOR = {*stack.NAMES, "disparity", "depth", "confidence", TRUTH}
 _NUMBERS = re.compile(r"[<>|=]?[biuf][1248]|u?int(?:8|16|32|64)|float(?:16|32|64)|bool")
 _CODECS = (
     "blosc",
@@ -124,9 +125,23 @@ def _open(path: Path) -> tuple[Any, dict[str, Any] | None]:
             return zarr.open_array(store, mode="r"), None
         root = zarr.open_group(store, mode="r", use_consolidated=False)
         names = [entry.name for entry in sorted(path.iterdir()) if _kind(entry) == "array"]
-        for name in names:
+        safe = _safe_arrays(path, names)
+        return root, {name: zarr.open_array(store, path=name, mode="r") for name in safe}
+
+
+def _safe_arrays(path: Path, names: list[str]) -> list[str]:
+    """Arrays that are opened; an error if others have names that are looked for, or there are only others."""
+    safe, problems = [], {}
+    for name in names:
+        try:
             _check_array(path, path / name)
-        return root, {name: zarr.open_array(store, path=name, mode="r") for name in names}
+            safe.append(name)
+        except LightFieldError as error:
+            problems[name] = error
+    for name, problem in problems.items():
+        if not safe or name in _LOOKED_FOR or name.startswith(MASK):
+            raise problem
+    return safe
 
 
 def _kind(folder: Path) -> str | None:

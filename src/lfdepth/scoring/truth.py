@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import re
-import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from lfdepth.errors import LightFieldError
+from lfdepth.io.limits import check_inside
 from lfdepth.io.pfm import read_pfm
 from lfdepth.io.picture import read_picture
 from lfdepth.lightfield import LightField
@@ -17,7 +16,6 @@ from lfdepth.scoring.metrics import Array
 
 _TRUTH = "gt_disp_highres.pfm"
 _MASK = re.compile(r"mask_(\w+)_highres\.png")
-_LOW_MASK = re.compile(r"mask_(\w+)_lowres\.png")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,22 +54,28 @@ def read_high_resolution(folder: Path | str) -> HighResolution | None:
     folder = Path(folder)
     if not (folder / _TRUTH).exists():
         return None
+    check_inside(folder, [folder / _TRUTH])
     truth = read_pfm(folder / _TRUTH)
     masks: dict[str, Array] = {}
     unusable: dict[str, str] = {}
     for name, file in _files(folder, _MASK).items():
         try:
+            check_inside(folder, [file])
             masks[name] = _read_mask(file, (truth.shape[0], truth.shape[1]))
         except LightFieldError as error:
             unusable[name] = str(error)
     return HighResolution(truth, masks, unusable)
 
 
-def read_scene(path: Path, read: Callable[[Path], LightField]) -> tuple[LightField, dict[str, str]]:
+def read_scene(path: Path, read: Callable[..., LightField]) -> tuple[LightField, dict[str, str]]:
     """Read a light field to be scored, also where some of its masks cannot be used.
 
-    `read` refuses a benchmark folder with a mask that is damaged or of another size. That is no reason not to
-    score the rest: then a copy without those masks is read.
+    Parameters
+    ----------
+    path : Path
+        The scene.
+    read : callable
+        As `lfdepth.read`, with its argument `unusable`.
 
     Returns
     -------
@@ -85,39 +89,8 @@ def read_scene(path: Path, read: Callable[[Path], LightField]) -> tuple[LightFie
     LightFieldError
         If something else is wrong.
     """
-    try:
-        return read(path), {}
-    except LightFieldError:
-        unusable = _unusable_masks(path)
-        if not unusable:
-            raise
-    with TemporaryDirectory() as scratch:
-        copy = Path(scratch) / path.resolve().name
-        shutil.copytree(
-            path, copy, ignore=lambda _, names: [name for name in names if _beside(name, unusable)]
-        )
-        return read(copy), unusable
-
-
-def _beside(name: str, unusable: Mapping[str, str]) -> bool:
-    """Whether a file can be left out: a mask that cannot be used, or one of high resolution."""
-    match = _LOW_MASK.fullmatch(name)
-    return bool(match and match[1] in unusable) or "_highres." in name
-
-
-def _unusable_masks(folder: Path) -> dict[str, str]:
-    """Why the masks beside the views that are damaged or not of their size cannot be used."""
-    views = sorted(folder.glob("input_Cam*.png"))
-    if not views:
-        return {}
-    height, width = read_picture(views[0]).shape[:2]
-    unusable = {}
-    for name, file in _files(folder, _LOW_MASK).items():
-        try:
-            _read_mask(file, (height, width))
-        except LightFieldError as error:
-            unusable[name] = str(error)
-    return unusable
+    unusable: dict[str, str] = {}
+    return read(path, unusable=unusable), unusable
 
 
 def _files(folder: Path, pattern: re.Pattern[str]) -> dict[str, Path]:
