@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lfdepth.errors import LightFieldError
-from lfdepth.io import limits, stack
+from lfdepth.io import limits
 
 _MAGIC = 20000630
 _TYPES: dict[int, np.dtype[Any]] = {0: np.dtype("<u4"), 1: np.dtype("<f2"), 2: np.dtype("<f4")}
@@ -66,13 +66,9 @@ def read_channels(path: Path) -> dict[str, npt.NDArray[Any]]:
         If the file is damaged, or has tiles, several parts, subsampled channels, or another compression than
         none, RLE, ZIPS and ZIP.
     """
-    try:
+    with limits.readable(path):
         data = path.read_bytes()
         return _read_pixels(data, _read_header(path, data))
-    except LightFieldError:
-        raise
-    except (OSError, ValueError, IndexError, KeyError, struct.error, zlib.error) as error:
-        raise stack.unreadable(path, error) from None
 
 
 def _read_header(path: Path, data: bytes) -> _Header:

@@ -92,7 +92,7 @@ def _read_scale(picture: Path, samples: npt.NDArray[Any]) -> tuple[float, float]
         quantity, scale, offset = header["quantity"], float(header["scale"]), float(header["offset"])
         if quantity == "disparity" and isfinite(scale) and scale > 0 and isfinite(offset):
             return scale, offset
-        found = f"{quantity} with scale {scale}, offset {offset}"
+        found = f"{str(quantity)[:40]} with scale {scale}, offset {offset}"
     except FileNotFoundError:
         found = "missing"
     except LightFieldError:
