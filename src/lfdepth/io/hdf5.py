@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from io import FileIO
 from pathlib import Path
 from typing import Any
 
@@ -59,10 +60,53 @@ def write_views_hdf5(path: Path, lf: LightField) -> None:
     """Write the dataset `LF` (V, U, H, W, C); truth and masks beside it, the notes as an attribute."""
     h5py = need("h5py", "hdf5", path)
     bundle = Bundle.of(lf)
-    with atomic(path) as temporary, h5py.File(temporary, "w") as file:
-        for name, array in bundle.arrays.items():
-            file.create_dataset(name, data=array)
-        file.attrs[KEY] = bundle.text
+    with atomic(path) as temporary, temporary.open("rb+", buffering=0) as raw:
+        target = _Target(raw)
+        with h5py.File(target, "w") as file:
+            for name, array in bundle.arrays.items():
+                file.create_dataset(name, data=array)
+            file.attrs[KEY] = bundle.text
+        if target.error is not None:
+            raise target.error
+
+
+class _Target:
+    """A file that HDF5 writes to, which keeps an error for later: the library does not come through one."""
+
+    def __init__(self, raw: FileIO) -> None:
+        self._raw = raw
+        self.error: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        left = memoryview(data).cast("B")
+        while len(left) and self.error is None:
+            try:
+                left = left[self._raw.write(left) :]
+            except OSError as error:
+                self.error = error
+        return memoryview(data).nbytes
+
+    def truncate(self, size: int | None = None) -> int:
+        try:
+            return self._raw.truncate(size)
+        except OSError as error:
+            self.error = self.error or error
+            return size or 0
+
+    def readinto(self, buffer: Any) -> int:
+        return self._raw.readinto(buffer) or 0
+
+    def read(self, size: int = -1) -> bytes:
+        return self._raw.read(size) or b""
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        return self._raw.seek(offset, whence)
+
+    def tell(self) -> int:
+        return self._raw.tell()
+
+    def flush(self) -> None:
+        self._raw.flush()
 
 
 def open_file(path: Path, extra: str) -> Any:

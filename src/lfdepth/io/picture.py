@@ -157,7 +157,7 @@ def decode_page(page: Any) -> tuple[npt.NDArray[Any], str]:
     pixels = np.asarray(page.asarray())
     kind, bits = first.photometric.name, first.bitspersample
     if kind in ("PALETTE", "MINISWHITE") or bits != 8 * pixels.dtype.itemsize:
-        return pixels, f"{kind} with {bits} bits"
+        return pixels, f"{kind} with {str(bits)[:40]} bits"
     if pixels.dtype.kind == "f":
         pixels = pixels.astype(np.float32)
     elif pixels.dtype not in (np.uint8, np.uint16):
