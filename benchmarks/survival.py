@@ -1,11 +1,11 @@
-"""Commands that are killed, run out of disk, or write to the same place: is anything lost or half-written?
+"""What is lost or half-written when commands are killed, run out of disk, or write to the same place.
 
     python benchmarks/survival.py --rounds 50 --seed 1
     python benchmarks/survival.py --only "convert folder" bench
 
-Each command is killed at `--rounds` random times and before as many of its file operations, run with that many
-limits on the size of files, and twice at once. What is checked is in tests/survival; a few rounds run with the
-tests.
+Each command is killed at `--rounds` random times and before as many of its file operations, run with half as
+many limits on the size of files, and two at once. What is checked is in tests/survival; a few rounds run with
+the tests.
 """
 
 from __future__ import annotations
@@ -50,9 +50,8 @@ def main() -> int:
         folder = Path(scratch)
         data = prepare(folder)
         for name in options.only or COMMANDS:
-            reports[name] = _survive(
-                Trial(COMMANDS[name], data, folder), options.rounds, Random(options.seed)
-            )
+            trial = Trial(COMMANDS[name], data, folder)
+            reports[name] = _survive(trial, options.rounds, Random(options.seed))
             _print_problems(reports[name])
             print(f"{name}: {reports[name].runs} runs", file=sys.stderr, flush=True)
         if not options.only:

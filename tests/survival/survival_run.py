@@ -404,7 +404,7 @@ class Trial:
             report.problems.append(f"{self.command.name}, {what}: run again: {again}")
 
     def fill_disk(self, size: int, report: Report) -> None:
-        """Run with no space for larger files: one line, status 2, nothing half-written, the old result whole."""
+        """Run without space for larger files: one line, status 2, and nothing half-written or lost."""
         place, what = self._place(), f"files of at most {size} bytes"
         ended = self._run(place, little_disk(size))
         report.runs += 1
