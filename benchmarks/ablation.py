@@ -150,10 +150,6 @@ def _in_order(values: Iterable[str]) -> list[str]:
     return list(dict.fromkeys(values))
 
 
-def _figure(value: float | None) -> Cell:
-    return None if value is None else f"{value:.2f}"
-
-
 def _means(rows: Sequence[Row]) -> dict[str, float]:
     """Mean over scenes of every metric that at least one of them has."""
     found = {key: [row.scores[key] for row in rows if key in row.scores] for key in COLUMNS}
@@ -176,7 +172,7 @@ def summary(rows: Sequence[Row]) -> str:
     """Table of the ratios to the full method."""
     by_name = {(row.scene, row.variant): row for row in rows}
     variants = _in_order(row.variant for row in rows)
-    body = [[name, *(_figure(_ratio(by_name, name, key)) for key in COLUMNS)] for name in variants]
+    body = [[name, *(_ratio(by_name, name, key) for key in COLUMNS)] for name in variants]
     return markdown(["variant", *COLUMNS.values()], body)
 
 
@@ -187,14 +183,14 @@ def group_table(rows: Sequence[Row]) -> str:
     body: list[list[Cell]] = []
     for variant in variants:
         means = _means([row for row in rows if row.variant == variant])
-        each = [_figure(by_name.get((name, variant))) for name in names] if len(names) > 1 else []
-        body.append([variant, *(_figure(means.get(key)) for key in COLUMNS), *each])
+        each = [by_name.get((name, variant)) for name in names] if len(names) > 1 else []
+        body.append([variant, *(means.get(key) for key in COLUMNS), *each])
     return markdown(["variant", *COLUMNS.values(), *(names if len(names) > 1 else [])], body)
 
 
 def whole_table(rows: Sequence[Row]) -> str:
     """Every figure."""
-    body = [[row.scene, row.variant, *(_figure(row.scores.get(key)) for key in COLUMNS)] for row in rows]
+    body = [[row.scene, row.variant, *(row.scores.get(key) for key in COLUMNS)] for row in rows]
     return markdown(["scene", "variant", *COLUMNS.values()], body)
 
 

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 import lfdepth
 from ablation import light_fields, with_textureless
-from lfdepth import LightField, pictures, scenes
+from lfdepth import LightField, scenes
 from lfdepth.engines.cpu.engine import CpuEngine
 from lfdepth.engines.layout import VISIBILITY_MARGIN, plane_horizon
+from lfdepth.io.pixels import write_picture
 from lfdepth.pictures import (
     ERROR_LABEL,
     ERROR_LIMIT,
@@ -28,10 +29,10 @@ from lfdepth.pictures import (
     Line,
     compose,
     error_colours,
-    score_line,
     view_colours,
 )
 from lfdepth.result import Result
+from lfdepth.scoring.captions import score_line
 from lfdepth.scoring.metrics import badpix, near_boundaries, region
 from lfdepth.trace import Trace
 from reporting import Cell as TableCell
@@ -311,7 +312,7 @@ def _draw_error(lf: LightField, estimate: Map) -> None:
     rounded = np.rint((estimate - truth) / LEVELS) * LEVELS
     cells = [
         Cell(few_colours(lf.reference), lf.name),
-        Cell(error_colours(rounded, np.zeros_like(truth)), score_line(estimate, truth)),
+        Cell(error_colours(rounded, np.zeros_like(truth)), score_line(lfdepth.evaluate(estimate, truth))),
     ]
     bar = Bar("RdBu_r", (-ERROR_LIMIT, ERROR_LIMIT), ERROR_LABEL, open_ends=True)
     save(compose([Line(cells, bar)]), f"remaining-{lf.name}")
@@ -358,7 +359,7 @@ def few_colours(view: NDArray[Any]) -> Pixels:
 def save(pixels: Pixels, name: str) -> None:
     """Write a figure of the page."""
     path = FOLDER / f"fbs-vis-{name}.png"
-    pictures.save(pixels, path)
+    write_picture(path, pixels)
     print(f"{path}: {path.stat().st_size / 1000:.0f} kB")
 
 

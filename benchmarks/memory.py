@@ -1,7 +1,8 @@
 """Peak memory of `lfdepth estimate` with few and with many planes.
 
-    python benchmarks/memory.py [--scene FOLDER] [--size 512] [--steps 0.1 0.01] [--json memory.json]
-    python benchmarks/memory.py --large [--json memory.json]
+    python benchmarks/memory.py [--scene FOLDER] [--size 512] [--steps 0.1 0.01] [--warm] \
+[--json memory.json]
+    python benchmarks/memory.py --large [--size 1024] [--views 17] [--json memory.json]
 
 The second form takes 17×17 views of 1024×1024 px: all of them, 9×9 of them, a window of all, and all shrunk.
 
@@ -25,9 +26,7 @@ LIMIT = 600
 """MB that a streaming method may take on 9×9 views of 512×512 px."""
 LARGE_LIMIT = 4000
 """MB that the default method may take on 17×17 views of 1024×1024 px."""
-LARGE_PARTS = ("", "--views 9x9", "--crop 256 256 512 512", "--scale 0.5")
-"""What is read of the large light field."""
-_TILE, _TILES, _VIEWS = 256, 4, 17
+_TILES = 4  # of a rendered scene, along either axis of a large one
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ class Peak:
     seconds: float
 
 
-def measure(scene: Path, method: str, step: float, cache: Path) -> Peak:
+def measure(scene: Path, method: str, step: float, cache: Path | None) -> Peak:
     with tempfile.TemporaryDirectory() as folder:
         command = [*processes.LFDEPTH, "estimate", str(scene), "-o", f"{folder}/map.pfm", "--json"]
         run = processes.run([*command, "--method", method, "--step", str(step)], cache)
@@ -49,12 +48,19 @@ def measure(scene: Path, method: str, step: float, cache: Path) -> Peak:
     return Peak(method, found["planes"], found["compiled"], run.peak, run.seconds)
 
 
-def write_large(folder: Path) -> tuple[float, float]:
+def large_parts(size: int, views: int) -> tuple[str, ...]:
+    """What is read of the large light field: all, the middle half of the views, of the pixels, shrunk."""
+    half, quarter = size // 2, size // 4
+    middle = views // 2 + 1 - (views // 2) % 2
+    return "", f"--views {middle}x{middle}", f"--crop {quarter} {quarter} {half} {half}", "--scale 0.5"
+
+
+def write_large(folder: Path, size: int, views: int) -> tuple[float, float]:
     """Write a large light field view by view, a rendered scene repeated; the range of its disparities."""
     from lfdepth.io.picture import write_picture
     from lfdepth.scenes import render
 
-    lf = render("demo", size=_TILE, views=_VIEWS, samples=1)
+    lf = render("demo", size=size // _TILES, views=views, samples=1)
     for v, u in np.ndindex(*lf.shape[:2]):
         view = np.tile(lf.views[v, u], (_TILES, _TILES, 1))
         write_picture(folder / f"view_v{v:02d}_u{u:02d}.png", view)
@@ -62,12 +68,12 @@ def write_large(folder: Path) -> tuple[float, float]:
     return lf.disparity_range
 
 
-def measure_large(folder: Path) -> list[tuple[str, Peak]]:
+def measure_large(folder: Path, size: int, views: int) -> list[tuple[str, Peak]]:
     """Peak memory of estimates with the default method, per part of a large light field."""
-    ends = map(str, write_large(folder))
+    ends = map(str, write_large(folder, size, views))
     command = [*processes.LFDEPTH, "estimate", str(folder), "--range", *ends, "--json", "-o", f"{folder}.pfm"]
     found = []
-    for part in LARGE_PARTS:
+    for part in large_parts(size, views):
         run = processes.run([*command, *part.split()])
         facts = run.json()
         peak = Peak(facts["method"]["name"], facts["planes"], facts["compiled"], run.peak, run.seconds)
@@ -75,18 +81,17 @@ def measure_large(folder: Path) -> list[tuple[str, Peak]]:
     return found
 
 
-def report_large(json: Path | None) -> None:
+def report_large(size: int, views: int, json: Path | None) -> None:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "large"
         folder.mkdir()
-        found = measure_large(folder)
+        found = measure_large(folder, size, views)
     rows: list[list[Cell]] = [
         [part or "all of it", each.planes, each.peak, each.seconds] for part, each in found
     ]
-    size = _TILE * _TILES
-    print(f"{_VIEWS}×{_VIEWS} views of {size}×{size} px, {found[0][1].method}. {machine_line()}.\n")
+    print(f"{views}×{views} views of {size}×{size} px, {found[0][1].method}. {machine_line()}.\n")
     print(markdown(["read", "planes", "peak (MB)", "seconds"], rows))
-    print(f"\nThe limit is {LARGE_LIMIT} MB.")
+    print(f"\nThe limit is {LARGE_LIMIT} MB for 17×17 views of 1024×1024 px.")
     write_json(
         json, {"limit_mb": LARGE_LIMIT, "runs": [{"read": part} | asdict(each) for part, each in found]}
     )
@@ -97,22 +102,24 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--scene", type=Path, help="folder of a light field; a procedural one if not given")
-    parser.add_argument("--size", type=int, default=512, help="of the procedural one")
+    parser.add_argument("--size", type=int, help="of the procedural one, px; 512, or 1024 of a large one")
+    parser.add_argument("--views", type=int, default=17, help="of a large one, along either axis")
     parser.add_argument("--steps", type=float, nargs="+", default=[0.1, 0.01])
-    parser.add_argument("--methods", nargs="+", default=processes.methods())
-    parser.add_argument("--large", action="store_true", help="17×17 views of 1024×1024 px instead")
+    parser.add_argument("--methods", nargs="+", help="all by default")
+    parser.add_argument("--warm", action="store_true", help="no first runs, which compile kernels")
+    parser.add_argument("--large", action="store_true", help="a large light field instead")
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
     if chosen.large:
-        report_large(chosen.json)
+        report_large(chosen.size or 1024, chosen.views, chosen.json)
         return
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        scene = chosen.scene or processes.render("demo", chosen.size, folder)
+        scene = chosen.scene or processes.render("demo", chosen.size or 512, folder)
         peaks = [
-            measure(scene, method, step, folder / "numba" / method)
-            for method in chosen.methods
-            for step in (chosen.steps[0], *chosen.steps)
+            measure(scene, method, step, None if chosen.warm else folder / "numba" / method)
+            for method in chosen.methods or processes.methods()
+            for step in (*([] if chosen.warm else chosen.steps[:1]), *chosen.steps)
         ]
     rows: list[list[Cell]] = [
         [each.method, each.planes, "yes" if each.compiled else "", each.peak, each.seconds] for each in peaks

@@ -3,28 +3,20 @@
 from __future__ import annotations
 
 import json
-import os
 import platform
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-Cell = str | float | int | None
+from lfdepth.bench.timing import load, processor
+from lfdepth.table import Table, Value
+
+Cell = Value
 
 
 def markdown(header: Sequence[str], rows: Sequence[Sequence[Cell]]) -> str:
     """A Markdown table: the first column to the left, the others to the right, None as a dash."""
-    lines = ["| " + " | ".join(header) + " |", "|---|" + "---:|" * (len(header) - 1)]
-    lines += ["| " + " | ".join(_text(cell) for cell in row) + " |" for row in rows]
-    return "\n".join(lines)
-
-
-def _text(cell: Cell) -> str:
-    if cell is None:
-        return "–"
-    if isinstance(cell, float):
-        return f"{cell:.0f}" if abs(cell) >= 1000 else f"{cell:.3g}" if abs(cell) < 10 else f"{cell:.1f}"
-    return str(cell)
+    return Table.of(header, rows).to_markdown()
 
 
 def machine() -> dict[str, Any]:
@@ -35,22 +27,13 @@ def machine() -> dict[str, Any]:
     from lfdepth.engines.cpu.workers import default_threads
 
     return {
-        "processor": _processor(),
+        "processor": processor(),
         "processors": default_threads(),
-        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else None,
+        "load": load(),
         "python": platform.python_version(),
         "numpy": numpy.__version__,
         "numba": numba.__version__,
     }
-
-
-def _processor() -> str:
-    file = Path("/proc/cpuinfo")
-    if file.exists():
-        for line in file.read_text(encoding="utf-8").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
 
 
 def machine_line() -> str:

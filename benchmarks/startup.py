@@ -1,6 +1,6 @@
 """How long it takes until something happens: help, import, and the first run, which compiles the kernels.
 
-    python benchmarks/startup.py [--size 256] [--json startup.json]
+    python benchmarks/startup.py [--size 256] [--repeats 5] [--json startup.json]
 
 Medians over several processes. First runs begin with an empty cache of compiled kernels; warm ones find what
 the first ones left.
@@ -18,7 +18,6 @@ from pathlib import Path
 import processes
 from reporting import Cell, machine_line, markdown, write_json
 
-REPEATS = 5
 LIMITS = {"help": 0.5, "import": 0.5, "first run": 20.0}
 """Seconds: of help, of import, and of a first run more than of a warm one."""
 
@@ -34,15 +33,15 @@ class FirstRun:
     warm_cpu: float
 
 
-def median(command: list[str]) -> tuple[float, float]:
+def median(command: list[str], repeats: int) -> tuple[float, float]:
     """Seconds on the wall, and of computing."""
-    runs = [processes.run(command) for _ in range(REPEATS)]
+    runs = [processes.run(command) for _ in range(repeats)]
     return statistics.median(run.seconds for run in runs), statistics.median(run.cpu for run in runs)
 
 
-def first_run(scene: Path, method: str, folder: Path) -> FirstRun:
+def first_run(scene: Path, method: str, folder: Path, repeats: int) -> FirstRun:
     command = [*processes.LFDEPTH, "estimate", str(scene), "-o", str(folder / "map.pfm"), "--method", method]
-    cold, *warm = (processes.run(command, folder / "numba" / method) for _ in range(3))
+    cold, *warm = (processes.run(command, folder / "numba" / method) for _ in range(1 + repeats))
     return FirstRun(
         method,
         cold.seconds,
@@ -57,18 +56,23 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--size", type=int, default=256, help="of the procedural scene that is estimated")
-    parser.add_argument("--methods", nargs="+", default=processes.methods())
+    parser.add_argument("--methods", nargs="+", help="all by default")
+    parser.add_argument("--repeats", type=int, default=5, help="processes for a median")
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
-    starts = {
-        "python": median([sys.executable, "-c", ""]),
-        "import lfdepth": median([sys.executable, "-c", "import lfdepth"]),
-        "lfdepth --help": median([*processes.LFDEPTH, "--help"]),
-        "lfdepth estimate --help": median([*processes.LFDEPTH, "estimate", "--help"]),
+    commands = {
+        "python": [sys.executable, "-c", ""],
+        "import lfdepth": [sys.executable, "-c", "import lfdepth"],
+        "lfdepth --help": [*processes.LFDEPTH, "--help"],
+        "lfdepth estimate --help": [*processes.LFDEPTH, "estimate", "--help"],
     }
+    starts = {name: median(command, chosen.repeats) for name, command in commands.items()}
     with tempfile.TemporaryDirectory() as name:
         scene = processes.render("demo", chosen.size, Path(name))
-        runs = [first_run(scene, method, Path(name)) for method in chosen.methods]
+        runs = [
+            first_run(scene, method, Path(name), min(2, chosen.repeats))
+            for method in chosen.methods or processes.methods()
+        ]
     print(f"{machine_line()}.\n")
     print(markdown(["start", "seconds", "CPU (s)"], [[name, *both] for name, both in starts.items()]))
     rows: list[list[Cell]] = [

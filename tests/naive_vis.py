@@ -35,7 +35,7 @@ FRONT_REACH, FRONT_BLUR, FRINGE = 2, 1.5, 0.05  # px, px, weight of what touches
 FEW_VIEWS, SAME_COLOUR, JUMP_SHARE = 3, 4.0, 0.7
 MEDIAN = (1, 0.05, 2.0)  # radius in px, standard deviations of colour and space
 SURE_PASSES, LATE, EDGE_TRUST, UNSTEADY = 2, 3.0, 0.3, 0.15
-SAMPLES, CONTRAST_WINDOW, GREY = 800, 4, 1.4
+SAMPLES, CONTRAST_WINDOW, GREY, FEW = 800, 4, 1.4, 1.8
 CONTRAST = (0.03, 0.1)  # of photo-consistency over planes, where its weight rises from 0 to 1
 TEXTURE = (0.55, 0.8)  # the same for local contrast over the residual level
 TEXTURE_SLOPE = 0.2  # px
@@ -134,7 +134,7 @@ def sees(disparity: Array, plane: float, grid: tuple[int, int]) -> Array:
     """Whether view (i, j) counts at a plane for a pixel of the reference view, (V, U, H, W).
 
     It does if nothing nearer than the plane lies where the plane shows the pixel, or if the pixel itself is
-    in front of the plane. Left and right of the image nothing is known; above and below it repeats.
+    in front of the plane. Beside the image nothing is known.
     """
     height, width = disparity.shape
     nearest = splat(disparity, grid)
@@ -142,8 +142,8 @@ def sees(disparity: Array, plane: float, grid: tuple[int, int]) -> Array:
     for i, j, y, x in product(range(grid[0]), range(grid[1]), range(height), range(width)):
         at_x = x + int(np.floor(-(j - grid[1] // 2) * plane + 0.5))
         at_y = y + int(np.floor(-(i - grid[0] // 2) * plane + 0.5))
-        if disparity[y, x] <= plane + MARGIN and 0 <= at_x < width:
-            level = nearest[i, j, min(max(at_y, 0), height - 1), at_x]
+        if disparity[y, x] <= plane + MARGIN and 0 <= at_x < width and 0 <= at_y < height:
+            level = nearest[i, j, at_y, at_x]
             out[i, j, y, x] = level <= round((plane + MARGIN) * PARTS)
     return out
 
@@ -370,6 +370,7 @@ def decode(
     guide: Array,
     rule: JointRule,
     stride: int,
+    present: Array | None = None,
 ) -> Decoded:
     """The joint decoder on every `stride`-th plane; `smoothed` and `share` are (K, H, W).
 
@@ -378,7 +379,7 @@ def decode(
     step = float(plane[0] - plane[1])
     share = np.rint(np.clip(share[::stride], 0, 1) * 255) / 255
     contrast = share.max(axis=0) - share.mean(axis=0)
-    weight = rule.photo_weight * ramp(contrast, *CONTRAST) * texture_weight(views, level)
+    weight = rule.photo_weight * ramp(contrast, *CONTRAST) * texture_weight(views, level, present)
     energy = joint_energy(sign_energy(smoothed, step)[::stride], share, weight)
     slope, jump = rule.slope_penalty * stride * ENERGY, rule.jump_penalty * ENERGY
     dead_zone = level * guide.shape[2]
@@ -557,10 +558,11 @@ def residual(views: Array, plane: Array, present: Array | None = None) -> tuple[
     return float(level), float(least)
 
 
-def texture_weight(views: Array, level: float) -> Array:
+def texture_weight(views: Array, level: float, present: Array | None = None) -> Array:
     """Where the mean contrast over a window is above the residual level."""
+    others = len(list(other_views(views, present)))
     change = naive_photo.local_thresholds(reference(views), TEXTURE_SLOPE, 1e-6, 0.5)
-    level = max(level, 1e-6) * (GREY if views.shape[-1] == 1 else 1)
+    level = max(level, 1e-6) * (GREY * (1 + FEW / max(others, 1)) if views.shape[-1] == 1 else 1)
     return ramp(naive.box_mean(change, CONTRAST_WINDOW) / level, *TEXTURE)
 
 
@@ -599,9 +601,9 @@ def estimate(
     stride = 2 if len(plane) >= 6 else 1
     some, more = voting(views, present, stride > 1), voting(views, present)
     share = np.stack([smooth(naive_photo.photo_consistency(views, d, limits, some)) for d in plane])
-    first = decode(plane, smoothed, share, views, level, guide, rule, stride)
+    first = decode(plane, smoothed, share, views, level, guide, rule, stride, present)
     rough, _ = settle(first.disparity, views, EdgeRule(passes=min(method.edge_passes, 1)), present)
     share = np.stack([smooth(visible_share(views, d, limits, rough, more)) for d in plane])
-    second = decode(plane, smoothed, share, views, level, guide, rule, stride=1)
+    second = decode(plane, smoothed, share, views, level, guide, rule, 1, present)
     settled, found = settle(second.disparity, views, edge_rule, present)
     return Decoded(np.clip(settled, *disparity_range), trust(settled, found) * second.confidence)

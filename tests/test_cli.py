@@ -305,11 +305,11 @@ def test_evaluate_prints_the_figures(scene: Path, run: Run) -> None:
     write("map.pfm", np.full((SIZE, SIZE), DISPARITY + 0.05, np.float32))
     _, out, _ = run("evaluate", "map.pfm", "scene")
     assert [line.split() for line in out.splitlines()[1:6]] == [
-        ["BadPix", "0.01", "100.000", "%"],
-        ["BadPix", "0.03", "100.000", "%"],
-        ["BadPix", "0.07", "0.000", "%"],
+        ["BadPix", "0.01", "100", "%"],
+        ["BadPix", "0.03", "100", "%"],
+        ["BadPix", "0.07", "0", "%"],
         ["MSE×100", "0.250", "px²"],
-        ["Q25", "5.000", "px/100"],
+        ["Q25", "5.00", "px/100"],
     ]
 
 
@@ -465,10 +465,6 @@ BAD_SCENES: dict[str, tuple[Spoil, list[str]]] = {
         ["scene/input_Cam004.png"],
     ),
     "truncated truth": (lambda s: truncate(s / "gt_disp_lowres.pfm"), ["scene/gt_disp_lowres.pfm"]),
-    "NaN in the truth": (
-        lambda s: (s / "gt_disp_lowres.pfm").write_bytes(nan_map()),
-        ["scene/gt_disp_lowres.pfm", "1 of 2304 values are NaN or infinite", "repair"],
-    ),
     "garbled parameters": (
         lambda s: (s / "parameters.cfg").write_text("no section\n\0"),
         ["scene/parameters.cfg", "garbled", "[intrinsics]", "restore"],

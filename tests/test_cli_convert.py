@@ -71,7 +71,14 @@ def test_a_scene_keeps_views_camera_and_range(scene: Path, run: Run, name: str) 
 def test_a_part_of_a_scene(scene: Path, run: Run) -> None:
     words = ["--views", "3x5", "--crop", "8", "4", "20", "16", "--flip-u", "--json"]
     facts = json.loads(run("convert", "scene", "-o", "part.npz", *words))
-    assert facts == {"scene": "scene", "shape": [5, 3, 16, 20, 3], "absent_views": 0, "written": ["part.npz"]}
+    assert facts == {
+        "scene": "scene",
+        "shape": [5, 3, 16, 20, 3],
+        "absent_views": 0,
+        "white_level": None,
+        "remarks": [],
+        "written": ["part.npz"],
+    }
     whole = lfdepth.read(scene).views[:, ::-1]
     np.testing.assert_array_equal(lfdepth.read("part.npz").views, whole[:, 1:4, 4:20, 8:28])
 

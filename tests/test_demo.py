@@ -10,6 +10,7 @@ from lfdepth import methods, scenes
 from lfdepth.demo import PICTURE, SIZE, Demo, run_demo
 from lfdepth.errors import LightFieldError
 from lfdepth.pictures import view_colours
+from lfdepth.table import figures
 
 
 @pytest.fixture(scope="module")
@@ -36,7 +37,7 @@ def test_table_has_a_line_per_method_with_its_figures(demo: Demo) -> None:
     lines = demo.table().splitlines()
     for line, (name, scores) in zip(lines[1:], demo.scores.items(), strict=False):
         assert line.split()[0] == name
-        assert f"{scores['badpix_0.07']:.2f}" in line.split()
+        assert figures(scores["badpix_0.07"]) in line.split()
     assert len({len(line) for line in lines[: len(demo.scores) + 1]}) == 1
 
 

@@ -208,10 +208,10 @@ ALPHA = Image.fromarray(np.zeros((8, 9, 4), np.uint8))
             r"v2_u4\.png: view is 9x8 px, grey, uint8 but .*",
         ),
         (lambda f: PALETTE.save(f / "v1_u2.png"), r"v1_u2\.png: picture of mode P; expected grey or RGB"),
-        (lambda f: ALPHA.save(f / "v1_u2.png"), r"v1_u2\.png: picture of mode RGBA; expected grey or RGB"),
+        (lambda f: ALPHA.save(f / "v1_u2.png"), r"v1_u2\.png: alpha is not opaque at 100 % of"),
         (
-            lambda f: save(f / "depth.png", VIEWS[0, 0]),
-            r"depth\.png: surplus picture; expected names that differ",
+            lambda f: save(f / "cover.png", VIEWS[0, 0]),
+            r"cover\.png: surplus picture; expected names that differ .*--pattern 'v\*_u\*\.png'",
         ),
         (
             lambda f: save(f / "v1_u02.png", VIEWS[0, 0]),
@@ -288,7 +288,7 @@ def test_rows_and_columns_before_views(tmp_path: Path) -> None:
         (VIEWS[..., [0, 1]], r"array of shape \(3, 5, 8, 9, 2\); expected \(V, U, H, W, C\)"),
         (VIEWS.astype(np.int32), "samples are int32; expected uint8, uint16 or float"),
         (VIEWS.astype(complex), "samples are complex128"),
-        (VIEWS.astype(np.float32), r"float views span \[.*\]; expected finite values in \[0, 1\]"),
+        (VIEWS.astype(np.float32) - 99, r"float views span \[.*\]; expected finite values in \[0, 1\]"),
         (VIEWS[:, :, :0], r"views have shape \(3, 5, 0, 9, 3\)|leaves nothing|leaves the views"),
         (VIEWS.reshape(15, 8, 9, 3), "15 views; expected a square number"),
     ],
@@ -490,9 +490,9 @@ def test_quilt(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read(tmp_path / "plain.png", format="quilt", grid=(5, 3)).views[0], views)
     with pytest.raises(LightFieldError, match="name gives no tiles; expected NAME_qsCxRaA"):
         read(tmp_path / "plain.png", format="quilt")
-    quilt.save(tmp_path / "flower_qs4x5a0.75.png")
-    with pytest.raises(LightFieldError, match="27x40 px; expected multiples of 4x5 tiles"):
-        read(tmp_path / "flower_qs4x5a0.75.png")
+    quilt.save(tmp_path / "flower_qs28x5a0.75.png")
+    with pytest.raises(LightFieldError, match="27x40 px; expected a pixel at least for each of 28x5 tiles"):
+        read(tmp_path / "flower_qs28x5a0.75.png")
 
 
 def eslf_picture(views: Views) -> Views:
@@ -616,9 +616,6 @@ def test_missing_library_names_the_extra(tmp_path: Path, monkeypatch: pytest.Mon
         ("P", "tif", "picture of mode PALETTE with 8 bits"),
         ("1", "tif", "picture of mode .* with 1 bits"),
         ("I", "tif", "picture of mode int32"),
-        ("LA", "png", "picture of mode LA"),
-        ("RGBA", "png", "picture of mode RGBA"),
-        ("RGBA", "tif", r"picture of mode with shape \(8, 9, 4\)"),
         ("CMYK", "jpg", "picture of mode CMYK"),
         ("CMYK", "tif", r"picture of mode with shape \(8, 9, 4\)"),
     ],
@@ -633,11 +630,9 @@ def test_pictures_that_are_neither_grey_nor_rgb(tmp_path: Path, mode: str, endin
     assert "\n" not in str(error.value)
 
 
-@pytest.mark.parametrize("options", [{"photometric": "miniswhite"}, {"bitspersample": 12}])
-def test_tiff_whose_samples_mean_something_else(tmp_path: Path, options: dict[str, Any]) -> None:
-    views = random_views(9, 8, 9, dtype="uint16") // 16
-    tifffile.imwrite(tmp_path / "pages.tif", views, **({"photometric": "minisblack"} | options))
-    with pytest.raises(LightFieldError, match=r"pages\.tif: page of MINIS.* with 1[26] bits; expected grey"):
+def test_tiff_whose_samples_mean_something_else(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "pages.tif", random_views(9, 8, 9, dtype="uint16"), photometric="miniswhite")
+    with pytest.raises(LightFieldError, match=r"pages\.tif: page of MINISWHITE with 16 bits; expected grey"):
         read(tmp_path / "pages.tif")
 
 

@@ -187,11 +187,11 @@ MAP = np.arange(30, dtype=np.float32).reshape(5, 6)
         ),
         (
             replace_view(np.zeros((5, 6, 4), np.uint8)),
-            r"input_Cam007\.png: picture of mode RGBA; expected grey",
+            r"input_Cam007\.png: alpha is not opaque at 100 % of the pixels; expected grey",
         ),
         (
             replace_view(np.zeros((5, 6, 4), np.uint16)),
-            r"input_Cam007\.png: picture of mode RGBA; expected grey",
+            r"input_Cam007\.png: alpha is not opaque at 100 % of the pixels; expected grey",
         ),
         (palette, r"input_Cam007\.png: picture of mode P; expected grey or RGB"),
         (truncate, r"input_Cam007\.png: not a readable picture \(.*\); expected a complete image"),
@@ -229,10 +229,6 @@ MAP = np.arange(30, dtype=np.float32).reshape(5, 6)
         ),
         (write_truth(pfm_bytes(MAP)[:-3]), r"gt_disp_lowres\.pfm: 129 bytes; expected 132 for 6x5 px"),
         (write_truth(pfm_bytes(MAP)[:5]), r"gt_disp_lowres\.pfm: no valid PFM header"),
-        (
-            write_truth(pfm_bytes(MAP + np.float32(np.inf))),
-            r"gt_disp_lowres\.pfm: 30 of 30 values are NaN or",
-        ),
         (write_truth(pfm_bytes(MAP[1:])), r"scene: truth is float32 \(4, 6\); expected float32 \(5, 6\)"),
     ],
 )

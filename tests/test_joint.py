@@ -346,14 +346,14 @@ def test_decoders_agree_with_the_oracle(
     assert decoder.stride == used
     some = naive_vis.voting(lf.views, present, used > 1)
     shares = np.stack([smooth(naive_photo.photo_consistency(lf.views, d, limits, some)) for d in plane])
-    expected = naive_vis.decode(plane, volume, shares, lf.views, level, guide, rule, used)
+    expected = naive_vis.decode(plane, volume, shares, lf.views, level, guide, rule, used, present)
     rough = surface.astype(np.float32)
     compare(decoder.decide(), expected, float(plane[0] - plane[1]) * used)
     assert list(decoder.recount(rough)) == list(range(planes))
     again = decoder.decide()
     more = naive_vis.voting(lf.views, present)
     shares = np.stack([smooth(naive_vis.visible_share(lf.views, d, limits, rough, more)) for d in plane])
-    expected = naive_vis.decode(plane, volume, shares, lf.views, level, guide, rule, 1)
+    expected = naive_vis.decode(plane, volume, shares, lf.views, level, guide, rule, 1, present)
     compare(again, expected, float(plane[0] - plane[1]))
 
 

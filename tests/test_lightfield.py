@@ -6,9 +6,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import lfdepth
+from fields import quantise, texture
 from lfdepth.camera import Camera
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
+from lfdepth.methods import NAMES
 
 
 def random_views(*shape: int, dtype: str = "uint8", seed: int = 0) -> npt.NDArray[Any]:
@@ -128,8 +131,8 @@ DEFAULTS: dict[str, Any] = {"views": GOOD, "name": "cotton"}
     [
         ({"views": GOOD[0]}, r"shape \(4, 5, 6, 3\); expected \(V, U, H, W, C\)"),
         ({"views": GOOD[..., :2]}, "C = 1 or 3"),
-        ({"views": GOOD[:2]}, "one or at least 3 rows and columns"),
-        ({"views": GOOD[:, :, :0]}, "one or at least 3 rows and columns of views with pixels"),
+        ({"views": GOOD[:1, :1]}, "expected at least two views, with pixels; add views"),
+        ({"views": GOOD[:, :, :0]}, "expected at least two views, with pixels; add views"),
         ({"views": GOOD.astype(np.float64)}, "views are float64; expected uint8, uint16 or float32"),
         ({"views": GOOD.astype(np.float32)}, r"float views span \[.*\]; expected finite values in \[0, 1\]"),
         ({"views": np.full((3, 3, 2, 2, 1), np.nan, np.float32)}, "float views span"),
@@ -138,7 +141,11 @@ DEFAULTS: dict[str, Any] = {"views": GOOD, "name": "cotton"}
         ({"disparity_range": (float("nan"), 1.0)}, r"range: found \[nan, 1\]"),
         ({"truth": MAP[1:]}, r"truth is float32 \(4, 6\); expected float32 \(5, 6\)"),
         ({"truth": MAP.astype(np.float64)}, "truth is float64"),
-        ({"truth": MAP + np.float32(np.nan)}, "truth holds NaN"),
+        (
+            {"positions": np.zeros((3, 4, 1))},
+            r"positions are float64 \(3, 4, 1\); expected float64 \(3, 4, 2\)",
+        ),
+        ({"positions": np.ones((3, 4, 2))}, "not 0 for the reference view"),
         ({"masks": {"planes": MAP}}, r"mask 'planes' is float32 \(5, 6\); expected bool"),
         ({"present": np.ones((3, 3), bool)}, r"present is bool \(3, 3\); expected bool \(3, 4\)"),
         ({"present": np.zeros((3, 4), bool)}, r"reference view \(1, 2\) is absent"),
@@ -153,3 +160,26 @@ def test_bad_light_fields_are_named(fields: dict[str, Any], message: str) -> Non
         LightField(**DEFAULTS | fields)
     assert str(caught.value).startswith("cotton: ")
     assert "\n" not in str(caught.value)
+
+
+def test_views_stand_at_their_positions_for_every_method() -> None:
+    """Truth: a plane seen by cameras off the grid, in rows half as far apart as columns."""
+    rng = np.random.default_rng(3)
+    grid, size, disparity = (5, 5), (40, 44), 0.6
+    positions = rng.uniform(-0.2, 0.2, (*grid, 2))
+    positions[..., 0] += np.arange(-2, 3)[:, None] * -0.5
+    positions -= positions[2, 2]
+    paint = texture(rng)
+    y, x = np.mgrid[: size[0], : size[1]].astype(np.float64)
+    views = np.zeros((*grid, *size, 1))
+    for v, u in np.ndindex(*grid):
+        down, right = np.array([v - 2, u - 2]) + positions[v, u]
+        views[v, u, ..., 0] = paint(x + disparity * right, y + disparity * down)
+    samples, ends = quantise(views, "uint8"), (-0.5, 1.5)
+    inner = (slice(6, -6), slice(6, -6))
+    for name in NAMES:
+        placed = LightField(samples, positions=positions, disparity_range=ends)
+        off = np.abs(lfdepth.estimate(placed, name).disparity - disparity)[inner]
+        assert np.mean(off > 0.07) < 0.02, name
+        blind = lfdepth.estimate(LightField(samples, disparity_range=ends), name).disparity
+        assert np.mean(np.abs(blind - disparity)[inner] > 0.07) > 0.3, name

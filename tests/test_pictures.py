@@ -11,6 +11,8 @@ from PIL import Image
 from lfdepth import pictures
 from lfdepth.errors import LightFieldError
 from lfdepth.pictures import PanelRow
+from lfdepth.scoring import evaluate
+from lfdepth.scoring.captions import score_line, score_lines
 
 Array = NDArray[Any]
 RAMP = np.linspace(-1, 1, 320 * 310).reshape(310, 320)
@@ -86,11 +88,10 @@ def test_error_and_difference_maps_are_pixel_exact(tmp_path: Path) -> None:
 
 
 def test_a_caption_names_the_scores() -> None:
-    assert (
-        pictures.score_line(np.full((40, 40), 0.1), np.zeros((40, 40)))
-        == "BadPix 0.07: 100.00 %   MSE×100: 1.00"
-    )
-    assert pictures.score_line(np.zeros((9, 9)), np.zeros((9, 9))) == ""
+    scores = evaluate(np.full((40, 40), 0.1), np.zeros((40, 40)))
+    assert score_line(scores) == "BadPix 0.07 100 %, MSE×100 1.00"
+    assert score_lines(scores)[1] == "15 px border not scored"
+    assert score_lines({"runtime": 1.0}) == ()
 
 
 def test_a_panel_has_every_view_map_and_error(tmp_path: Path) -> None:

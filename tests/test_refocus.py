@@ -21,8 +21,9 @@ from lfdepth.blocks.occlusion import mask_4d
 from lfdepth.blocks.reparam import reparameterise
 from lfdepth.errors import LightFieldError
 from lfdepth.io.picture import read_picture
+from lfdepth.io.pixels import write_picture
 from lfdepth.lightfield import LightField
-from lfdepth.render.refocus import all_in_focus, foreground_masks, refocus, write_masks, write_picture
+from lfdepth.render.refocus import all_in_focus, foreground_masks, refocus, write_masks
 from lfdepth.scenes import rendering
 from lfdepth.scenes.suite import SUITE, Stage
 
@@ -295,5 +296,5 @@ def test_pictures_are_read_back(tmp_path: Path, dtype: str, channels: int) -> No
         np.testing.assert_allclose(back / 65535, picture, atol=0.5 / 65535)
     else:
         np.testing.assert_array_equal(back, picture)
-    with pytest.raises(LightFieldError, match=r"p.jpg: unknown ending .jpg"):
+    with pytest.raises(LightFieldError, match=r"p.jpg: pictures are PNG files"):
         write_picture(tmp_path / "p.jpg", picture)

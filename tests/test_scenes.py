@@ -15,15 +15,13 @@ from scipy.ndimage import distance_transform_edt, map_coordinates
 from lfdepth import scenes
 from lfdepth.engines.cpu.kernels import scenes as kernels
 from lfdepth.errors import LightFieldError
-from lfdepth.io import read, read_disparity
+from lfdepth.io import benchmark, read, read_disparity
 from lfdepth.lightfield import LightField
-from lfdepth.scenes import folder as scene_folder
 from lfdepth.scenes import masks, photoreal, textures
 from lfdepth.scenes.model import Ellipsoid, Facets, Layer, Paint, Plane, Scene, ellipse, pack, rectangle
 from lfdepth.scenes.stratified import STRATIFIED, pyramid
 from lfdepth.scenes.suite import SUITE, Stage
-from lfdepth.scoring import metrics
-from lfdepth.scoring.truth import read_high_resolution
+from lfdepth.scoring import metrics, read_high_resolution
 
 SIZE = (120, 136)
 Float = npt.NDArray[np.float64]
@@ -558,7 +556,7 @@ def test_saving_leaves_all_or_nothing(tmp_path: Path, monkeypatch: pytest.Monkey
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(scene_folder, "write_pfm", fail)
+        patch.setattr(benchmark, "write_pfm", fail)
         with pytest.raises(KeyboardInterrupt):
             scenes.save("bars", target, **options)
         with pytest.raises(KeyboardInterrupt):
@@ -579,6 +577,12 @@ def test_saving_refuses_other_folders(tmp_path: Path) -> None:
     with pytest.raises(LightFieldError, match="nowhere"):
         scenes.save("demo", tmp_path / "nowhere" / "scene", size=32, views=3)
     assert (mine / "photo.jpg").read_bytes() == b"precious"
+    # Nor does a scene's own folder give way once something else lies in it.
+    scenes.save("demo", tmp_path / "scene", size=32, views=3)
+    (tmp_path / "scene" / "estimate.pfm").write_bytes(b"a map")
+    with pytest.raises(LightFieldError, match="holds something else"):
+        scenes.save("demo", tmp_path / "scene", size=32, views=3)
+    assert (tmp_path / "scene" / "estimate.pfm").read_bytes() == b"a map"
 
 
 def test_path_traced_scenes_need_mitsuba(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -146,8 +146,7 @@ def test_points_stay_where_they_are(scale: float, crop: tuple[int, int, int, int
     [
         ({"views": (5, 3)}, "5 views asked for along an axis that has 3; expected 1 to 3"),
         ({"views": (0, 3)}, "0 views asked for"),
-        ({"views": (2, 3)}, "one or at least 3 rows and columns"),
-        ({"views": (1, 1)}, "not a single view"),
+        ({"views": (1, 1)}, "expected at least two views, with pixels"),
         ({"crop": (0, 0, 13, 4)}, "crop 0 0 13 4 .* leaves the views; expected a window inside 12x10 px"),
         ({"crop": (-1, 0, 3, 4)}, "leaves the views"),
         ({"scale": 0.0}, r"scale is 0\.0; expected a factor above 0 and at most 1"),

@@ -10,7 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from lfdepth.bench import submission
-from lfdepth.bench.cache import Cache, Found
+from lfdepth.bench.cache import Cache
+from lfdepth.bench.results import Found
 from lfdepth.bench.submission import SCENES, check_submission, find_scenes, submit
 from lfdepth.errors import LightFieldError
 

@@ -20,13 +20,15 @@ if TYPE_CHECKING:
     from lfdepth.errors import LightFieldError
     from lfdepth.estimation import estimate
     from lfdepth.io import read, read_confidence, read_disparity, write
+    from lfdepth.io.pixels import write_picture
     from lfdepth.lightfield import LightField
     from lfdepth.methods import Method, method
     from lfdepth.probe.order import check_orientation
     from lfdepth.probe.ranges import find_range
-    from lfdepth.render.refocus import all_in_focus, foreground_masks, refocus, write_masks, write_picture
+    from lfdepth.render.refocus import all_in_focus, foreground_masks, refocus, write_masks
     from lfdepth.result import Result
     from lfdepth.scoring import evaluate
+    from lfdepth.trace import Trace
 
 __version__ = "0.1.0"
 
@@ -37,6 +39,7 @@ _HOMES = {
     "LightFieldError": "lfdepth.errors",
     "Method": "lfdepth.methods",
     "Result": "lfdepth.result",
+    "Trace": "lfdepth.trace",
     "all_in_focus": "lfdepth.render.refocus",
     "check_orientation": "lfdepth.probe.order",
     "estimate": "lfdepth.estimation",
@@ -50,7 +53,7 @@ _HOMES = {
     "refocus": "lfdepth.render.refocus",
     "write": "lfdepth.io",
     "write_masks": "lfdepth.render.refocus",
-    "write_picture": "lfdepth.render.refocus",
+    "write_picture": "lfdepth.io.pixels",
 }
 
 __all__ = [
@@ -59,6 +62,7 @@ __all__ = [
     "LightFieldError",
     "Method",
     "Result",
+    "Trace",
     "all_in_focus",
     "check_orientation",
     "estimate",

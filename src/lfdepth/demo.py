@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from lfdepth.errors import LightFieldError
 from lfdepth.methods import NAMES, method
+from lfdepth.table import Table
 from lfdepth.trace import Progress
 
 if TYPE_CHECKING:
@@ -61,17 +62,8 @@ class Demo:
 
     def table(self) -> str:
         """Text table, a line per method: percentages of bad pixels, MSE×100, Q25, seconds; and a legend."""
-        rows = [["method", *_COLUMNS.values()]]
-        for name, scores in self.scores.items():
-            rows.append([name, *(f"{scores[key]:.2f}" if key in scores else "–" for key in _COLUMNS)])
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        lines = [
-            "  ".join(
-                [row[0].ljust(widths[0])] + [c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True)]
-            )
-            for row in rows
-        ]
-        return "\n".join([*lines, "", _LEGEND])
+        rows = [(name, *(scores.get(key) for key in _COLUMNS)) for name, scores in self.scores.items()]
+        return "\n".join([Table.of(("method", *_COLUMNS.values()), rows).to_text(), "", _LEGEND])
 
     def as_dict(self) -> dict[str, Any]:
         """Plain dictionary that JSON can hold."""
@@ -112,9 +104,10 @@ def run_demo(
     if size < SMALLEST:
         raise LightFieldError(f"size: found {size}, expected at least {SMALLEST} px; choose a larger one")
     from lfdepth import evaluate, scenes
-    from lfdepth.bench.cache import timed_estimate
+    from lfdepth.bench.timing import timed_estimate
     from lfdepth.io.atomic import check_target
     from lfdepth.pictures import PanelRow, panel
+    from lfdepth.scoring.captions import score_line
 
     say = announce or (lambda words: None)
     with _folder(Path(folder)) as made:
@@ -122,12 +115,13 @@ def run_demo(
         check_target(picture)
         say("rendering the scene")
         lf = scenes.render("demo", size=size)
-        maps, scores = {}, {}
+        maps, scores, captions = {}, {}, {}
         for name in NAMES:
             say(f"estimating with {name}")
             result = timed_estimate(lf, method(name), progress=progress)
             maps[name], scores[name] = result.disparity, evaluate(result, lf)
-        row = PanelRow(lf.reference, maps, truth=lf.truth, name=lf.name, range=lf.disparity_range)
+            captions[name] = score_line(scores[name])
+        row = PanelRow(lf.reference, maps, lf.truth, lf.name, lf.disparity_range, captions)
         panel(row, path=picture)
     return Demo(lf, scores, picture)
 

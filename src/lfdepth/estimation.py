@@ -38,7 +38,7 @@ def estimate(
     Parameters
     ----------
     lf
-        Light field with at least 3 views along one axis.
+        Light field of two views at least, side by side or one above the other.
     method
         Name of a method (`lfdepth.methods.names()`) or a `Method`.
     range

@@ -16,9 +16,6 @@ from lfdepth.errors import LightFieldError
 FULL_SCALE: Mapping[str, float] = {"uint8": 255.0, "uint16": 65535.0, "float32": 1.0}
 """The value of white for each sample type that views may have."""
 
-MIN_VIEWS = 3
-"""Fewest views along an axis of the grid that has more than one."""
-
 # Rec. 601 luma: what published methods of this family mean by "grey".
 _LUMA = np.array([0.299, 0.587, 0.114], dtype=np.float32)
 
@@ -53,17 +50,25 @@ class LightField:
     ----------
     views : ndarray, shape (V, U, H, W, C)
         uint8, uint16 or float32 with white at 255, 65535 and 1.0; C = 1 (grey) or 3 (RGB).
-        Float views lie in [0, 1]. V and U are at least 3, odd or even; one of them may be 1.
+        Float views lie in [0, 1]. V and U may be odd or even, and one of them may be 1.
     camera : Camera, optional
         Needed only where metres are asked for.
     disparity_range : tuple of float, optional
         (smallest, largest) disparity in the scene, px per view step.
     truth : ndarray, shape (H, W), optional
-        Exact disparity of the reference view, float32, finite.
+        Exact disparity of the reference view, float32; NaN or infinite where it is not known.
     masks : mapping of str to ndarray, optional
         Named regions of the reference view, (H, W) bool.
     present : ndarray, shape (V, U), optional
         True where a view exists; absent views are zero and must not be used. None: all exist.
+    positions : ndarray, shape (V, U, 2), optional
+        Where cameras are known to stand off the regular grid: how far each view lies from its place in it,
+        (down, right), in steps of the grid; float64, 0 for the reference view. View (v, u) from the reference
+        view then shows a pixel (x, y) with disparity D at (x - D·(u + right), y - D·(v + down)). None: on it.
+    white_level : float, optional
+        Value of white in the file, where that is not its type's; samples were scaled from it to `full_scale`.
+    remarks : tuple of str
+        What reading found out or left out, a sentence each, for people.
     name : str
         Short name for messages and tables.
 
@@ -79,19 +84,19 @@ class LightField:
     truth: npt.NDArray[np.float32] | None = None
     masks: Mapping[str, npt.NDArray[np.bool_]] = field(default_factory=dict)
     present: npt.NDArray[np.bool_] | None = None
+    positions: npt.NDArray[np.float64] | None = None
+    white_level: float | None = None
+    remarks: tuple[str, ...] = ()
     name: str = "light field"
 
     def __post_init__(self) -> None:
         self._check_views()
         self._check_present()
+        self._check_positions()
         if self.disparity_range is not None:
             check_range(self.disparity_range, f"{self.name}: disparity range")
         if self.truth is not None:
             self._check_map("truth", self.truth, np.dtype(np.float32))
-            if not np.isfinite(self.truth).all():
-                raise self._error(
-                    "truth holds NaN or infinite values", "finite disparities", "repair the map"
-                )
         for key, mask in self.masks.items():
             self._check_map(f"mask {key!r}", mask, np.dtype(np.bool_))
         if self.camera and (self.camera.height, self.camera.width) != self.views.shape[2:4]:
@@ -122,7 +127,8 @@ class LightField:
     @property
     def offsets(self) -> npt.NDArray[np.float64]:
         """Where views stand: (V, U, 2) view steps down and across from the reference view."""
-        return grid_offsets(self.shape[:2])
+        grid = grid_offsets(self.shape[:2])
+        return grid if self.positions is None else grid + self.positions
 
     @property
     def available(self) -> npt.NDArray[np.bool_]:
@@ -207,7 +213,8 @@ class LightField:
         rows = angular_window(self.shape[0], v, self.name)
         columns = angular_window(self.shape[1], u, self.name)
         present = None if self.present is None else self.present[rows, columns]
-        return replace(self, views=self.views[rows, columns], present=present)
+        positions = None if self.positions is None else self.positions[rows, columns]
+        return replace(self, views=self.views[rows, columns], present=present, positions=positions)
 
     def crop(self, x: int, y: int, width: int, height: int) -> LightField:
         """Keep the window of every view whose top left pixel is (x, y).
@@ -233,12 +240,9 @@ class LightField:
             raise self._error(
                 f"views have shape {views.shape}", "(V, U, H, W, C) with C = 1 or 3", "reorder the axes"
             )
-        few = any(n < MIN_VIEWS and n != 1 for n in views.shape[:2]) or views.shape[:2] == (1, 1)
-        if few or 0 in views.shape:
+        if views.shape[:2] == (1, 1) or 0 in views.shape:
             raise self._error(
-                f"views have shape {views.shape}",
-                f"one or at least {MIN_VIEWS} rows and columns of views with pixels, and not a single view",
-                "add views",
+                f"views have shape {views.shape}", "at least two views, with pixels", "add views"
             )
         if views.dtype.name not in FULL_SCALE:
             raise self._error(f"views are {views.dtype}", "uint8, uint16 or float32", "convert them")
@@ -258,6 +262,21 @@ class LightField:
         if not self.present[self.centre]:
             raise self._error(
                 f"reference view {self.centre} is absent", "it to be present", "choose another grid"
+            )
+
+    def _check_positions(self) -> None:
+        positions = self.positions
+        if positions is None:
+            return
+        if positions.shape != (*self.views.shape[:2], 2) or positions.dtype != np.float64:
+            found = f"positions are {positions.dtype} {positions.shape}"
+            expected = f"float64 {(*self.views.shape[:2], 2)}"
+            raise self._error(found, expected, "give an offset for each view")
+        if not np.isfinite(positions).all() or positions[self.centre].any():
+            raise self._error(
+                "positions are not finite, or not 0 for the reference view",
+                "offsets from the regular grid in view steps",
+                "count them from the reference view",
             )
 
     def _check_map(self, what: str, array: npt.NDArray[Any], dtype: np.dtype[Any]) -> None:

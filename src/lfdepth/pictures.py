@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfdepth.errors import LightFieldError
-from lfdepth.io.atomic import atomic
-from lfdepth.scoring.metrics import LOW, badpix, mse
+from lfdepth.io.pixels import write_picture
 
 Array = NDArray[Any]
 Pixels = NDArray[np.uint8]
@@ -153,7 +152,7 @@ def preview(
     _check_alike(disparity, disparity)
     range = range or span(disparity)
     cell = Cell(disparity_colours(disparity, range), title or "")
-    save(compose([Line([cell], Bar(_VALUES, range, label))]), path)
+    write_picture(path, compose([Line([cell], Bar(_VALUES, range, label))]))
 
 
 def error_map(
@@ -163,8 +162,9 @@ def error_map(
     *,
     limit: float = ERROR_LIMIT,
     title: str | None = None,
+    caption: Sequence[str] = (),
 ) -> None:
-    """Write the signed error ``estimate − truth``: red = too near, blue = too far; scores in the caption.
+    """Write the signed error ``estimate − truth``: red = too near, blue = too far.
 
     Parameters
     ----------
@@ -175,6 +175,8 @@ def error_map(
     limit : float
         Errors beyond ± this have the colour of the end of the scale.
     title : str, optional
+    caption : sequence of str
+        Lines below the picture, such as the scores (`lfdepth.scoring.captions`), above that on the colours.
 
     Raises
     ------
@@ -182,10 +184,8 @@ def error_map(
         If the sizes differ or the file cannot be written.
     """
     cell = Cell(error_colours(disparity, truth, limit), title or "")
-    caption = ["red: too near, blue: too far" + ("" if np.isfinite(disparity).all() else ", grey: no value")]
-    if scores := score_line(disparity, truth):
-        caption = [scores, f"{caption[0]}; {LOW.border} px border not scored"]
-    save(compose([Line([cell], _error_bar(limit))], caption), path)
+    legend = "red: too near, blue: too far" + ("" if np.isfinite(disparity).all() else ", grey: no value")
+    write_picture(path, compose([Line([cell], _error_bar(limit))], [*caption, legend]))
 
 
 def difference_map(
@@ -224,7 +224,7 @@ def difference_map(
     cell = Cell(difference_colours(a, b, truth, limit), title or "")
     bar = Bar(_SIGNED, (-limit, limit), "difference of |error| (px per view step)", open_ends=True)
     caption = [f"blue: {names[0]} is better, red: {names[1]} is better"]
-    save(compose([Line([cell], bar)], caption), path)
+    write_picture(path, compose([Line([cell], bar)], caption))
 
 
 # --- panels
@@ -246,6 +246,8 @@ class PanelRow:
         Name of the scene.
     range : (float, float), optional
         Ends of the colour scale; those of the truth, else of the maps, by default.
+    captions : mapping of str to str
+        What stands above the errors of a method's map, such as its scores (`lfdepth.scoring.captions`).
     """
 
     reference: Array
@@ -253,13 +255,14 @@ class PanelRow:
     truth: Array | None = None
     name: str = ""
     range: Range | None = None
+    captions: Mapping[str, str] = field(default_factory=dict)
 
 
 def panel(*rows: PanelRow, path: Path | str, limit: float = ERROR_LIMIT) -> None:
     """Write one picture that compares methods: per scene a line of maps and a line of signed errors.
 
     The first line has the reference view and each method's map, the second the truth and each map's error
-    with its BadPix 0.07 and MSE×100 (`error_map`).
+    with its caption.
 
     Parameters
     ----------
@@ -277,7 +280,7 @@ def panel(*rows: PanelRow, path: Path | str, limit: float = ERROR_LIMIT) -> None
     """
     if not rows:
         raise LightFieldError("panel: no scene; expected at least one PanelRow; give one")
-    save(compose([line for row in rows for line in _panel_lines(row, limit)]), path)
+    write_picture(path, compose([line for row in rows for line in _panel_lines(row, limit)]))
 
 
 def _panel_lines(row: PanelRow, limit: float) -> list[Line]:
@@ -287,19 +290,12 @@ def _panel_lines(row: PanelRow, limit: float) -> list[Line]:
     lines = [Line([reference, *maps], Bar(_VALUES, range, DISPARITY_LABEL))]
     if row.truth is not None:
         errors = [
-            Cell(error_colours(each, row.truth, limit), score_line(each, row.truth))
-            for each in row.maps.values()
+            Cell(error_colours(each, row.truth, limit), row.captions.get(name, ""))
+            for name, each in row.maps.items()
         ]
         truth = Cell(disparity_colours(row.truth, range), "truth")
         lines.append(Line([truth, *errors], _error_bar(limit)))
     return lines
-
-
-def score_line(estimate: Array, truth: Array) -> str:
-    """BadPix 0.07 and MSE×100 as a caption; empty for maps too small to be scored."""
-    if min(truth.shape) <= 2 * LOW.border:
-        return ""
-    return f"BadPix 0.07: {badpix(estimate, truth):.2f} %   MSE×100: {mse(estimate, truth):.2f}"
 
 
 # --- composition: lines of pictures, each line with a scale bar
@@ -374,7 +370,7 @@ class _Canvas:
 
 
 def compose(lines: Sequence[Line], caption: Sequence[str] = ()) -> Pixels:
-    """Put lines of pictures, one below the other, over a caption: one picture (H, W, 3) uint8 for `save`."""
+    """Put lines of pictures, one below the other, over a caption: one picture (H, W, 3) uint8."""
     lines = [Line([_enlarged(cell) for cell in line.cells], line.bar) for line in lines]
     narrowest = min(cell.pixels.shape[1] for line in lines for cell in line.cells)
     text_size = min(max(narrowest // 28, _SMALLEST_TEXT), _LARGEST_TEXT)
@@ -446,14 +442,3 @@ def _ticks(bar: Bar) -> list[tuple[float, str]]:
         if low <= value <= high:
             ticks.append((value, end + f"{value:g}".replace("-", "−")))
     return ticks
-
-
-def save(pixels: Pixels, path: Path | str) -> None:
-    """Write a picture (H, W, 3) uint8 as PNG; LightFieldError where that is impossible."""
-    from PIL import Image
-
-    path = Path(path)
-    if path.suffix.lower() != ".png":
-        raise LightFieldError(f"{path}: pictures are PNG files; expected a name ending in .png; rename it")
-    with atomic(path) as temporary:
-        Image.fromarray(pixels).save(temporary, format="PNG", optimize=True)

@@ -103,10 +103,10 @@ class Trace:
         """Whether an intermediate result is to be kept."""
         return name in self.keep
 
-    def take(self, name: str, array: Callable[[], NDArray[Any]]) -> None:
-        """Keep a copy of an intermediate result, made only if it is wanted."""
+    def take(self, name: str, array: NDArray[Any] | Callable[[], NDArray[Any]]) -> None:
+        """Keep a copy of an intermediate result if it is wanted; what makes it is only called then."""
         if self.wants(name):
-            self.kept.setdefault(name, []).append(np.array(array()))
+            self.kept.setdefault(name, []).append(np.array(array() if callable(array) else array))
 
     def _charge(self) -> None:
         """Put the time since the last change to the account of the block that was running."""

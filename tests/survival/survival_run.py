@@ -30,9 +30,8 @@ from typing import Any
 import numpy as np
 
 from lfdepth.camera import Camera
-from lfdepth.io import atomic, read, read_record, write
+from lfdepth.io import atomic, read, read_high_resolution, read_record, write
 from lfdepth.lightfield import LightField
-from lfdepth.scoring import read_high_resolution
 
 LETTER = "a letter to somebody else, in the same folder"
 _TEMPORARY = re.compile(r"\..*-[0-9a-f]{8}(\..*)?")

@@ -1,56 +1,45 @@
-"""Estimates remembered by content, so that long work resumes where it stopped."""
+"""Estimates remembered by all that they depend on, so that long work resumes where it stopped."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from contextlib import suppress
+import logging
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from zipfile import BadZipFile
 
 import numpy as np
 
-from lfdepth.engines.cpu.compilation import on_compilation
-from lfdepth.errors import LightFieldError
+from lfdepth.bench.results import Found
+from lfdepth.bench.timing import machine, timed_estimate
+from lfdepth.io import write
+from lfdepth.io.atomic import atomic
 from lfdepth.lightfield import LightField
-from lfdepth.scoring.metrics import Array
 
 if TYPE_CHECKING:
     from lfdepth.methods import Method
-    from lfdepth.result import Result
-    from lfdepth.trace import Progress
 
-_PIECE = 64  # px, side of the piece on which a method runs before its time is taken
-
-
-@dataclass(frozen=True, eq=False)
-class Found:
-    """A disparity map (H, W), its confidence, and the run time in s, where they are known."""
-
-    disparity: Array
-    confidence: Array | None = None
-    runtime: float | None = None
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
 class Cache:
-    """Estimates in a folder, one NPZ file for each.
+    """Estimates in a folder: for each an NPZ file with the map, and a JSON file for every run time.
 
-    An estimate is found again by the hash of the views, of which of them are there, of the disparity range,
-    of the method with all its parameters, and of the version of the package.
+    A map is found again by the hash of the views, of which of them are there, of the disparity range, of the
+    method with all its parameters, of the engine, and of the code (`code_digest`). A run time is found again
+    by that, the machine and the number of threads; where it is absent, the estimate is made again to take it.
     """
 
     folder: Path
 
     def estimate(
-        self,
-        lf: LightField,
-        method: Method,
-        *,
-        threads: int | None = None,
-        progress: Progress | None = None,
+        self, lf: LightField, method: Method, *, engine: str = "cpu", threads: int | None = None
     ) -> Found:
         """The estimate and its run time from the folder, or made now and put there.
 
@@ -59,32 +48,35 @@ class Cache:
         LightFieldError
             If the method cannot work with the light field, or the folder cannot be written.
         """
-        from lfdepth.io import write
-
-        file = self.folder / f"{key(lf, method)}.npz"
-        found = _load(file)
-        if found is None:
-            write(file, timed_estimate(lf, method, threads=threads, progress=progress))
-            found = _load(file)
+        code = code_digest(type(method).__module__.partition(".")[0])
+        name = key(lf, method.name, method.parameters(), engine, code)
+        maps = self.folder / f"{name}.npz"
+        times = self.folder / f"{name}-{_on_this_machine(threads)}.json"
+        found, seconds = _load(maps), _load_time(times)
+        if found is None or seconds is None:
+            result = timed_estimate(lf, method, engine=engine, threads=threads)
+            _write_time(times, result.runtime, threads)
+            if found is None:
+                write(maps, result)
+                found = _load(maps)
+            seconds = result.runtime
+        else:
+            log.info("%s: %s taken from %s", lf.name, method, maps)
         assert found is not None  # it has just been written
-        return found
+        return Found(found.disparity, found.confidence, seconds)
 
 
-def _load(file: Path) -> Found | None:
-    """What a file of the cache holds; None where there is none, or a damaged one, which is made anew."""
-    try:
-        with np.load(file) as data:
-            return Found(data["disparity"], data["confidence"], float(data["runtime"]))
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile):
-        return None
-
-
-def key(lf: LightField, method: Method) -> str:
-    """Hash of everything that an estimate depends on."""
-    from lfdepth import __version__
-
-    parameters = json.dumps([method.name, method.parameters()], sort_keys=True)
-    words = [__version__, lf.views.dtype.name, lf.shape, lf.disparity_range, parameters]
+def key(lf: LightField, method: str, parameters: Mapping[str, Any], engine: str, code: str) -> str:
+    """Hash of everything that a map depends on; `code` is the digest of the code."""
+    words = [
+        code,
+        engine,
+        method,
+        json.dumps(dict(parameters), sort_keys=True, default=str),
+        lf.disparity_range,
+        lf.shape,
+        lf.views.dtype.name,
+    ]
     digest = hashlib.sha256(repr(words).encode())
     digest.update(np.ascontiguousarray(lf.views).data)
     if lf.present is not None:
@@ -92,56 +84,63 @@ def key(lf: LightField, method: Method) -> str:
     return digest.hexdigest()[:32]
 
 
-def timed_estimate(
-    lf: LightField,
-    method: Method,
-    *,
-    threads: int | None = None,
-    progress: Progress | None = None,
-) -> Result:
-    """Estimate with a run time in which nothing was compiled.
+@cache
+def code_digest(package: str = "lfdepth") -> str:
+    """Hash of the code of lfdepth, and of another package that a method comes from.
 
-    Kernels are compiled and loaded on a small piece before. What the piece has no need of may still be
-    compiled later; then the run is repeated.
+    The versions of numba, which compiles it, and of NumPy are part of it.
     """
-    from lfdepth.estimation import estimate
+    import numba
 
-    _warm_up(lf, method, threads)
-    compiled: list[None] = []
-    with on_compilation(lambda: compiled.append(None)):
-        result = estimate(lf, method, threads=threads, progress=progress)
-    return estimate(lf, method, threads=threads, progress=progress) if compiled else result
-
-
-def _warm_up(lf: LightField, method: Method, threads: int | None) -> None:
-    """Compile and load what the method needs, on the middle of the views."""
-    from lfdepth.estimation import estimate
-    from lfdepth.probe.ranges import find_range
-
-    side = max(_PIECE, 2 * method.halo() + 2)
-    width, height = min(lf.width, side), min(lf.height, side)
-    piece = lf.crop((lf.width - width) // 2, (lf.height - height) // 2, width, height)
-    if lf.disparity_range is None:
-        with suppress(LightFieldError):  # the piece may be too small to find a range in
-            find_range(piece, threads=threads)
-    few: dict[str, Any] = {"planes": 8} if method.has_planes else {}
-    if "skip" in method.parameters():
-        few["skip"] = 5  # the first J planes run without a mask
-    estimate(piece, method, range=lf.disparity_range or (-1.0, 1.0), threads=threads, **few)
+    digest = hashlib.sha256(f"{numba.__version__} {np.__version__}".encode())
+    for name in dict.fromkeys(["lfdepth", package]):
+        for file, place in _modules(name):
+            digest.update(f"{place}\0".encode())
+            digest.update(hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()
 
 
-def make_folder(folder: Path) -> Path:
-    """Make a folder and those above it; LightFieldError where that is impossible."""
+def _modules(package: str) -> Iterator[tuple[Path, str]]:
+    """The files of a package, or the one of a module, with their places in it."""
+    home = import_module(package).__file__
+    if home is None:  # a namespace, or an interactive session
+        return
+    if Path(home).name != "__init__.py":
+        yield Path(home), package
+        return
+    folder = Path(home).parent
+    for file in sorted(folder.rglob("*.py")):
+        yield file, f"{package}/{file.relative_to(folder).as_posix()}"
+
+
+def _on_this_machine(threads: int | None) -> str:
+    """Short name of this machine with so many threads."""
+    return hashlib.sha256(f"{machine()}\0{_count(threads)}".encode()).hexdigest()[:12]
+
+
+def _count(threads: int | None) -> int:
+    from lfdepth.engines.cpu.workers import default_threads
+
+    return threads or default_threads()
+
+
+def _load(file: Path) -> Found | None:
+    """The map that a file of the cache holds; None where there is none, or a damaged one."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise LightFieldError(
-            f"{folder}: cannot be made ({error.strerror}); expected a writable folder; choose another"
-        ) from None
-    return folder
+        with np.load(file) as data:
+            return Found(data["disparity"], data["confidence"])
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+        return None
 
 
-def one_line(error: Exception) -> str:
-    """Message of an error that a user can act on; others keep the name of their kind and are cut short."""
-    text = " ".join(str(error).split())
-    return text if isinstance(error, LightFieldError) else f"{type(error).__name__}: {text[:200]}"
+def _load_time(file: Path) -> float | None:
+    try:
+        return float(json.loads(file.read_text(encoding="utf-8"))["seconds"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+def _write_time(file: Path, seconds: float, threads: int | None) -> None:
+    facts = {"seconds": seconds, "threads": _count(threads), "machine": machine()}
+    with atomic(file) as temporary:
+        temporary.write_text(json.dumps(facts) + "\n", encoding="utf-8")

@@ -8,8 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
 from itertools import pairwise
+from typing import TYPE_CHECKING
+
+from lfdepth.templating import render
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7a5195", "#444444")
 """Colours that stay apart for colour-blind readers (Okabe and Ito), in the order of the methods."""
@@ -67,38 +72,37 @@ class Axis:
         return [round(n * step, 10) for n in range(first, math.floor(self.high / step + 1e-9) + 1)]
 
 
-def line_chart(curves: Sequence[Curve], x: Axis, y: Axis, size: tuple[int, int] = (360, 240)) -> str:
+def line_chart(curves: Sequence[Curve], x: Axis, y: Axis, size: tuple[int, int] = (360, 240)) -> Markup:
     """SVG of some curves."""
     frame = _Frame(x, y, size)
-    marks = [
-        f'<polyline fill="none" stroke="{curve.colour}" stroke-width="1.6"'
-        f' stroke-dasharray="{"4 3" if curve.dashed else "none"}" points="{frame.path(curve)}">'
-        f"<title>{escape(curve.name)}</title></polyline>"
-        for curve in curves
-    ]
-    return frame.svg(marks)
+    return render("chart.svg", frame=frame, curves=[(each, frame.path(each)) for each in curves], points=())
 
 
-def point_chart(points: Sequence[Point], x: Axis, y: Axis, size: tuple[int, int] = (720, 380)) -> str:
+def point_chart(points: Sequence[Point], x: Axis, y: Axis, size: tuple[int, int] = (720, 380)) -> Markup:
     """SVG of some points, each with its name."""
     frame = _Frame(x, y, size)
-    marks, names = [], []
     heights = _apart([frame.y(point.y) for point in points])
-    for point, label_y in zip(points, heights, strict=True):
-        px, py = frame.x(point.x), frame.y(point.y)
-        fill = "white" if point.hollow else point.colour
-        left = px > size[0] * 0.75  # towards the right edge the name goes to the left
-        text_x, anchor = (px - 9, "end") if left else (px + 9, "start")
-        marks.append(
-            f'<circle cx="{px:.1f}" cy="{py:.1f}" r="5" fill="{fill}" stroke="{point.colour}" '
-            'stroke-width="2">'
-            f"<title>{escape(point.name)}: {point.x:.3g}, {point.y:.3g}</title></circle>"
-        )
-        names.append(
-            f'<text class="name" x="{text_x:.1f}" y="{label_y + 4:.1f}" text-anchor="{anchor}">'
-            f"{escape(point.name)}</text>"
-        )
-    return frame.svg([*marks, *names])  # names on top, or neighbouring points would cover them
+    placed = [_Placed.of(point, frame, height) for point, height in zip(points, heights, strict=True)]
+    return render("chart.svg", frame=frame, curves=(), points=placed)
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """A point at its place, px, and that of its name."""
+
+    point: Point
+    x: float
+    y: float
+    text_x: float
+    text_y: float
+    anchor: str
+
+    @classmethod
+    def of(cls, point: Point, frame: _Frame, label_y: float) -> _Placed:
+        x, y = frame.x(point.x), frame.y(point.y)
+        left = x > frame.size[0] * 0.75  # towards the right edge the name goes to the left
+        text_x, anchor = (x - 9, "end") if left else (x + 9, "start")
+        return cls(point, x, y, text_x, label_y + 4, anchor)
 
 
 def _apart(heights: Sequence[float], gap: float = 13.0) -> list[float]:
@@ -113,44 +117,25 @@ def _apart(heights: Sequence[float], gap: float = 13.0) -> list[float]:
 class _Frame:
     """Axes and the way from values to px."""
 
+    left, top = _LEFT, _TOP
+
     def __init__(self, x: Axis, y: Axis, size: tuple[int, int]) -> None:
-        self.axes, self.size = (x, y), size
-        self.width, self.height = size[0] - _LEFT - _RIGHT, size[1] - _TOP - _BOTTOM
+        self.x_axis, self.y_axis, self.size = x, y, size
+        self.right, self.bottom = size[0] - _RIGHT, size[1] - _BOTTOM
 
     def x(self, value: float) -> float:
-        return _LEFT + self.width * self.axes[0].place(value)
+        return _LEFT + (self.right - _LEFT) * self.x_axis.place(value)
 
     def y(self, value: float) -> float:
-        return _TOP + self.height * (1 - self.axes[1].place(value))
+        return _TOP + (self.bottom - _TOP) * (1 - self.y_axis.place(value))
 
     def path(self, curve: Curve) -> str:
         return " ".join(f"{self.x(x):.1f},{self.y(y):.1f}" for x, y in zip(curve.x, curve.y, strict=True))
 
-    def svg(self, marks: Sequence[str]) -> str:
-        width, height = self.size
-        return "".join(
-            [
-                f'<svg viewBox="0 0 {width} {height}" width="{width}" height="{height}" role="img">',
-                *self._grid(),
-                *marks,
-                "</svg>",
-            ]
+    @property
+    def ticks(self) -> tuple[list[tuple[str, float]], list[tuple[str, float]]]:
+        """Texts and places of the ticks of either axis."""
+        return (
+            [(f"{value:g}", self.x(value)) for value in self.x_axis.ticks()],
+            [(f"{value:g}", self.y(value)) for value in self.y_axis.ticks()],
         )
-
-    def _grid(self) -> list[str]:
-        right, bottom = _LEFT + self.width, _TOP + self.height
-        parts = []
-        for value in self.axes[0].ticks():
-            px = self.x(value)
-            parts.append(f'<path class="grid" d="M{px:.1f} {_TOP}V{bottom}"/>')
-            parts.append(f'<text x="{px:.1f}" y="{bottom + 15}" text-anchor="middle">{value:g}</text>')
-        for value in self.axes[1].ticks():
-            py = self.y(value)
-            parts.append(f'<path class="grid" d="M{_LEFT} {py:.1f}H{right}"/>')
-            parts.append(f'<text x="{_LEFT - 6}" y="{py + 4:.1f}" text-anchor="end">{value:g}</text>')
-        middle_x, middle_y = _LEFT + self.width / 2, _TOP + self.height / 2
-        x, y = (escape(axis.label) for axis in self.axes)
-        parts.append(f'<text x="{middle_x:.0f}" y="{bottom + 33}" text-anchor="middle">{x}</text>')
-        turned = f'transform="translate(13 {middle_y:.0f}) rotate(-90)"'
-        parts.append(f'<text {turned} text-anchor="middle">{y}</text>')
-        return parts

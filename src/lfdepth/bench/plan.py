@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
-from lfdepth.scoring.truth import HighResolution, read_high_resolution, read_scene
+from lfdepth.truth import HighResolution
 
 if TYPE_CHECKING:
     from lfdepth.methods import Method
@@ -81,12 +81,15 @@ class SceneSpec:
         Disparity range in px per view step instead of its own.
     views : int, optional
         Keep this many views along both axes.
+    truth : Path, optional
+        Disparity of the reference view, over what the scene says; what `lfdepth.io.read_truth` reads.
     """
 
     source: Path | str | LightField
     name: str | None = None
     range: tuple[float, float] | None = None
     views: int | None = None
+    truth: Path | None = None
 
     def label(self) -> str:
         """Name before it is read."""
@@ -103,24 +106,28 @@ class SceneSpec:
         lf, unusable = (self.source, {}) if isinstance(self.source, LightField) else _read(self.source)
         if self.views:
             lf = lf.angular_crop(self.views, self.views)
+        if self.truth is not None:
+            from lfdepth.io import read_truth
+
+            lf = replace(lf, truth=read_truth(self.truth))
         changed = replace(lf, name=self.name or lf.name, disparity_range=self.range or lf.disparity_range)
         return changed, unusable
 
     def high(self) -> HighResolution | None:
         """High-resolution truth beside the views, or of a procedural scene, where there is one."""
-        from lfdepth import scenes
+        from lfdepth import io, scenes
 
-        if isinstance(self.source, LightField):
+        if isinstance(self.source, LightField) or self.truth is not None:
             return None
         if _is_procedural(self.source):
             return scenes.high_resolution(str(self.source))
-        return read_high_resolution(self.source) if Path(self.source).is_dir() else None
+        return io.read_high_resolution(self.source) if Path(self.source).is_dir() else None
 
 
 def _read(source: Path | str) -> tuple[LightField, dict[str, str]]:
     from lfdepth import io, scenes
 
-    return (scenes.render(str(source)), {}) if _is_procedural(source) else read_scene(Path(source), io.read)
+    return (scenes.render(str(source)), {}) if _is_procedural(source) else io.read_to_score(Path(source))
 
 
 def _is_procedural(source: Path | str) -> bool:
@@ -142,9 +149,9 @@ def read_plan(path: Path | str) -> Plan:
     """Read a plan from TOML.
 
     Its keys: `scenes`, a list of paths (relative to the file), names of procedural scenes, "suite" for all of
-    them, or tables with `path`, `name`, `range`, `views`; `methods`, a list of settings as text (`setting`)
-    or tables with `method`, `name` and parameters; `settings`, a list of tables of parameters, each tried
-    with every method; `external`, a list of folders with results.
+    them, or tables with `path`, `name`, `range`, `views`, `truth`; `methods`, a list of settings as text
+    (`setting`) or tables with `method`, `name` and parameters; `settings`, a list of tables of parameters,
+    each tried with every method; `external`, a list of folders with results.
 
     Raises
     ------
@@ -184,9 +191,36 @@ def _plan_scenes(entry: str | dict[str, Any], folder: Path) -> Iterator[SceneSpe
     if "range" in table:
         low, high = table["range"]
         table["range"] = float(low), float(high)
+    if "truth" in table:
+        table["truth"] = folder / table["truth"]
     for source in scene_names(table.pop("path")):
         beside = folder / source
         yield SceneSpec(beside if beside.exists() else source, **table)
+
+
+def with_truth(scenes: Sequence[str], truth: Sequence[str]) -> list[SceneSpec]:
+    """Scenes with the truth that is given for them: SCENE=FILE each, or FILE for a single scene.
+
+    Raises
+    ------
+    LightFieldError
+        If truth is given for a scene that is not among them, or without a scene for several.
+    """
+    specs = [SceneSpec(each) for name in scenes for each in scene_names(name)]
+    for text in truth:
+        name, equals, file = text.rpartition("=")
+        matching = [
+            i for i, spec in enumerate(specs) if not equals or name in (spec.label(), str(spec.source))
+        ]
+        if len(matching) != 1:
+            known = ", ".join(spec.label() for spec in specs[:8]) or "no scenes"
+            raise LightFieldError(
+                f"truth {text!r}: {len(matching)} of {len(specs)} scenes fit; expected SCENE=FILE with "
+                "one of "
+                f"{known}; correct it"
+            )
+        specs[matching[0]] = replace(specs[matching[0]], truth=Path(file))
+    return specs
 
 
 def scene_names(name: str) -> tuple[str, ...]:

@@ -6,82 +6,28 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
-from lfdepth.bench.cache import Cache, Found, make_folder, one_line
+from lfdepth.bench.cache import Cache
+from lfdepth.bench.external import external_runtime, read_external
 from lfdepth.bench.plan import SceneSpec, Setting, cross, scene_names, setting
+from lfdepth.bench.report import write_reports
+from lfdepth.bench.results import Bench, Entry, Failure, Found, Origin, SceneResult, one_line
 from lfdepth.errors import LightFieldError
+from lfdepth.io.atomic import make_folder
 from lfdepth.lightfield import LightField
-from lfdepth.scoring.metrics import Array
 from lfdepth.scoring.scores import Scores, evaluate
-from lfdepth.scoring.truth import HighResolution
+from lfdepth.truth import HighResolution
+
+log = logging.getLogger(__name__)
 
 Progress = Callable[[int, int, str], None]
 """Called with (runs done, runs in all, what comes next)."""
-
-Origin = Literal["measured", "external"]
-
-
-@dataclass(frozen=True)
-class Failure:
-    """A scene, or a method on a scene, that gave no result."""
-
-    scene: str
-    method: str | None
-    message: str
-
-    def __str__(self) -> str:
-        return " / ".join(filter(None, [self.scene, self.method])) + f": {self.message}"
-
-
-@dataclass(frozen=True, eq=False)
-class Entry:
-    """The result of one method on one scene; `scores` is None without truth."""
-
-    found: Found
-    scores: Scores | None
-
-
-@dataclass(frozen=True, eq=False)
-class SceneResult:
-    """One scene and every method's result on it, by the method's name.
-
-    `grid` is the number of views (V, U); `high` tells whether there was high-resolution truth.
-    """
-
-    name: str
-    reference: Array
-    truth: Array | None
-    range: tuple[float, float] | None
-    entries: Mapping[str, Entry]
-    grid: tuple[int, int] = (0, 0)
-    high: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class Bench:
-    """All results.
-
-    Attributes
-    ----------
-    scenes : tuple of SceneResult
-        Those that could be read.
-    methods : mapping of str to {"measured", "external"}
-        Names in the order of the tables.
-    settings : tuple of Setting
-        What the measured ones are.
-    failures : tuple of Failure
-        What went wrong, in the order it did.
-    """
-
-    scenes: tuple[SceneResult, ...]
-    methods: Mapping[str, Origin]
-    settings: tuple[Setting, ...] = ()
-    failures: tuple[Failure, ...] = ()
 
 
 def bench(
@@ -140,8 +86,6 @@ def bench(
     Runs are remembered in the cache with their run time (`Cache`). So a bench that was interrupted goes
     on where it stopped, and one that was complete writes the same bytes again.
     """
-    from lfdepth.bench.report import write_reports
-
     specs = [each for scene in scenes for each in _specs(scene)]
     chosen = cross([each if isinstance(each, Setting) else setting(each) for each in methods], settings)
     folders = [Path(folder) for folder in external]
@@ -199,6 +143,12 @@ class _Runner:
         if self.progress:
             self.progress(self.done, self.total, what)
 
+    def fail(self, scene: str, method: str | None, error: Exception) -> None:
+        """Take down what went wrong; where it happened stands in the log."""
+        failure = Failure(scene, method, one_line(error))
+        log.info("%s", failure, exc_info=None if isinstance(error, LightFieldError) else error)
+        self.failures.append(failure)
+
     def run(self, spec: SceneSpec) -> SceneResult | None:
         """All methods on a scene; None, and a failure, where it cannot be read."""
         finished = self.done + len(self.settings)
@@ -206,7 +156,7 @@ class _Runner:
         try:
             return self._run(*spec.load_with_masks(), spec.high())
         except Exception as error:  # one bad scene, whatever is wrong with it, must not cost the others
-            self.failures.append(Failure(spec.label(), None, one_line(error)))
+            self.fail(spec.label(), None, error)
             return None
         finally:
             self.done = finished
@@ -252,49 +202,5 @@ class _Runner:
             found = get()
             return Entry(found, score(found.disparity, confidence=found.confidence) if score else None)
         except Exception as error:  # as in `run`
-            self.failures.append(Failure(lf.name, name, one_line(error)))
+            self.fail(lf.name, name, error)
             return None
-
-
-def read_external(folder: Path, scene: str) -> Found:
-    """Read the map of another program's result for a scene, without its run time.
-
-    Raises
-    ------
-    LightFieldError
-        If there is no map or it cannot be read.
-    """
-    from lfdepth.io import read_disparity
-
-    maps = [folder / "disp_maps" / f"{scene}.pfm", folder / f"{scene}.pfm"]
-    found = next((file for file in maps if file.exists()), None)
-    if found is None:
-        raise LightFieldError(f"{folder}: no {scene}.pfm; expected it there or in disp_maps; add the map")
-    return Found(read_disparity(found, finite=False))
-
-
-def external_runtime(folder: Path, scene: str) -> float:
-    """Read the run time, in seconds, of another program's result for a scene.
-
-    Raises
-    ------
-    LightFieldError
-        If there is none, or it is not a number.
-    """
-    times = [folder / "runtimes" / f"{scene}.txt", folder / f"{scene}.txt"]
-    found = next((file for file in times if file.exists()), None)
-    if found is None:
-        raise LightFieldError(f"{folder}: no {scene}.txt; expected a run time in seconds; add it")
-    return read_runtime(found)
-
-
-def read_runtime(file: Path) -> float:
-    """Read a run time in seconds; LightFieldError if it is no positive finite number."""
-    text = file.read_text(encoding="utf-8", errors="replace").strip()
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = -1.0
-    if not 0 <= seconds < float("inf"):
-        raise LightFieldError(f"{file}: found {text[:40]!r}; expected a run time in seconds; correct it")
-    return seconds

@@ -7,6 +7,7 @@ may not.
 
 from __future__ import annotations
 
+import logging
 import zipfile
 import zlib
 from collections import Counter
@@ -17,11 +18,14 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from lfdepth.bench.cache import Cache, Found, make_folder, one_line
+from lfdepth.bench.cache import Cache
+from lfdepth.bench.external import read_runtime
 from lfdepth.bench.plan import Setting, setting
-from lfdepth.bench.run import read_runtime
+from lfdepth.bench.results import Found, one_line
 from lfdepth.errors import LightFieldError
-from lfdepth.scoring.truth import read_scene
+from lfdepth.io.atomic import make_folder
+
+log = logging.getLogger(__name__)
 
 STRATIFIED = ("backgammon", "dots", "pyramids", "stripes")
 TRAINING = ("boxes", "cotton", "dino", "sideboard")
@@ -137,6 +141,7 @@ def submit(
         try:
             made[name] = _run(name, folder, chosen, cache, out, threads)
         except Exception as error:  # one bad scene must not cost the others
+            log.info("%s failed", name, exc_info=error)
             problems.append(f"{name}: {one_line(error)}")
     if not made or (problems and not partial):
         return Submission(None, tuple(made), tuple(problems))
@@ -149,9 +154,9 @@ def _run(
     name: str, folder: Path, chosen: Setting, cache: Cache, out: Path, threads: int | None
 ) -> list[Path]:
     """Estimate one scene, write its two files, and check them as one would check those of others."""
-    from lfdepth.io import read
+    from lfdepth.io import read_to_score
 
-    lf, _ = read_scene(folder, read)  # masks play no part
+    lf, _ = read_to_score(folder)  # masks play no part
     files = [out / "disp_maps" / f"{name}.pfm", out / "runtimes" / f"{name}.txt"]
     _write(cache.estimate(lf, chosen.resolve(), threads=threads), *files)
     if found := [*_map_problems(files[0]), *_runtime_problems(files[1])]:

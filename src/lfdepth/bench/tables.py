@@ -9,21 +9,30 @@ from itertools import compress
 from typing import Literal
 
 from lfdepth.bench.published import PublishedRow, Source, published_rows
-from lfdepth.bench.run import Bench, SceneResult
+from lfdepth.bench.results import Bench, SceneResult
 from lfdepth.scoring.metrics import mean_over_scenes
 from lfdepth.scoring.scores import LOW_INSTEAD, METRICS, label_of
+from lfdepth.table import ABSENT, Cell, Column, Row, Table
 
 BOLD = 3
 """How many of the best are set in bold, as the paper does; never the last of a column."""
 
+LEGEND = (
+    "Lower is better; the best three of a column are bold, but never its last. Rows marked *published* were "
+    "not run here; their values take part in the ranking only where they stand on truth of the same "
+    "resolution. (low) or (high): taken on truth of that resolution where the others, or the benchmark, use "
+    "the other. Run times of published rows come from other machines."
+)
+"""What a reader must know, in Markdown."""
 
 _LOG = "runtime_log10"
+_TIMES = ("runtime", _LOG)
 _SHORTEST = 1e-6  # s; a shorter run time has this logarithm
 
 
 @dataclass(frozen=True)
-class Cell:
-    """One value of a table.
+class Score:
+    """One value of a metric's table.
 
     Attributes
     ----------
@@ -44,32 +53,68 @@ class Cell:
     rank: int = 0
     best: bool = False
 
+    @property
+    def cell(self) -> Cell:
+        """As it is shown: a value that stands on other truth than it should, or on part of it, says so."""
+        if self.value is None:
+            return Cell(None, self.note, "no mask" if self.note.startswith("no mask") else "")
+        if self.note == LOW_INSTEAD:
+            return Cell(self.value, "low", best=self.best)
+        return Cell(self.value, self.note or (self.resolution if not self.rank else ""), best=self.best)
+
 
 @dataclass(frozen=True)
-class Row:
-    """A method: its cells by scene, and its mean over them."""
+class MethodRow:
+    """A method: its scores by scene, and its mean over them."""
 
     method: str
     origin: Literal["measured", "external", "published"]
-    cells: tuple[Cell, ...]
-    mean: Cell
+    cells: tuple[Score, ...]
+    mean: Score
     source: Source | None = None
     device: str = ""
     learned: bool = False
 
+    def row(self, numbered: Sequence[Source], *, device: bool) -> Row:
+        """As it is shown, with the number of its source, and the device if that matters."""
+        remarks = [
+            *(["learned"] if self.learned else []),
+            *([self.device] if self.device and device else []),
+            *([f"[{numbered.index(self.source) + 1}]"] if self.source in numbered else []),
+        ]
+        note = ", ".join([*([] if self.origin == "measured" else [self.origin]), *remarks])
+        published = self.origin == "published"
+        name = Cell(self.method, note, " ".join(remarks) if published else "")
+        return Row((name, *(each.cell for each in (*self.cells, self.mean))), PUBLISHED if published else "")
+
+
+PUBLISHED = "published, not run here"
+"""Name of the group of the published rows."""
+
 
 @dataclass(frozen=True)
-class Table:
+class MetricTable:
     """A metric of all methods on all scenes."""
 
     key: str
     label: str
     unit: str
     scenes: tuple[str, ...]
-    rows: tuple[Row, ...]
+    rows: tuple[MethodRow, ...]
+
+    @property
+    def is_time(self) -> bool:
+        """Whether it is one of the run times."""
+        return self.key in _TIMES
+
+    def table(self, numbered: Sequence[Source] = ()) -> Table:
+        """As it is shown, published rows with the number of their source."""
+        columns = tuple(Column(name) for name in ("method", *self.scenes, "mean"))
+        rows = tuple(row.row(numbered, device=self.is_time) for row in self.rows)
+        return Table(columns, rows, self.label, self.unit)
 
 
-def tables(result: Bench, *, published: bool = True) -> tuple[Table, ...]:
+def tables(result: Bench, *, published: bool = True) -> tuple[MetricTable, ...]:
     """A table for each metric that a scene has, in the order of `METRICS`, and two of the run times.
 
     Published rows stand in the tables of the metrics that they have for one of the scenes. A column is ranked
@@ -78,7 +123,7 @@ def tables(result: Bench, *, published: bool = True) -> tuple[Table, ...]:
     """
     units = {metric.key: metric.unit for metric in METRICS} | {"runtime": "s", _LOG: "log10 s"}
     return tuple(
-        Table(
+        MetricTable(
             key,
             label_of(key.removesuffix("_log10")),
             unit,
@@ -90,9 +135,9 @@ def tables(result: Bench, *, published: bool = True) -> tuple[Table, ...]:
     )
 
 
-def _rows(result: Bench, key: str, published: bool) -> tuple[Row, ...]:
+def _rows(result: Bench, key: str, published: bool) -> tuple[MethodRow, ...]:
     own = [
-        Row(name, origin, tuple(_cell(scene, name, key) for scene in result.scenes), Cell())
+        MethodRow(name, origin, tuple(_cell(scene, name, key) for scene in result.scenes), Score())
         for name, origin in result.methods.items()
     ]
     # Scenes that have the metric: where none of our rows has a value, truth or mask is missing.
@@ -103,53 +148,55 @@ def _rows(result: Bench, key: str, published: bool) -> tuple[Row, ...]:
     return _ranked([_with_mean(row, scored) for row in own], others, scored)
 
 
-def _cell(scene: SceneResult, method: str, key: str) -> Cell:
+def _cell(scene: SceneResult, method: str, key: str) -> Score:
     entry = scene.entries.get(method)
     if entry is None:
-        return Cell(note="failed")
-    if key in ("runtime", _LOG):
+        return Score(note="failed")
+    if key in _TIMES:
         seconds = entry.found.runtime
-        return Cell(note="no run time") if seconds is None else Cell(_scaled(key, seconds))
+        return Score(note="no run time") if seconds is None else Score(_scaled(key, seconds))
     if entry.scores is None:
-        return Cell(note="no truth")
+        return Score(note="no truth")
     if key not in entry.scores:
-        return Cell(note=entry.scores.missing.get(key, "–"))
-    return Cell(entry.scores[key], entry.scores.notes.get(key, ""), entry.scores.resolution[key])
+        return Score(note=entry.scores.missing.get(key, ABSENT))
+    return Score(entry.scores[key], entry.scores.notes.get(key, ""), entry.scores.resolution[key])
 
 
 def _scaled(key: str, seconds: float) -> float:
-    return math.log10(max(seconds, _SHORTEST)) if key == _LOG else seconds
+    return math.log10(max(seconds, _SHORTEST)) if key == _LOG else float(seconds)
 
 
-def _published(result: Bench, key: str, scored: Sequence[bool]) -> Iterator[Row]:
+def _published(result: Bench, key: str, scored: Sequence[bool]) -> Iterator[MethodRow]:
     for row in published_rows():
         cells = tuple(_published_cell(row, scene.name, key) for scene in result.scenes)
-        made = Row(row.method, "published", cells, Cell(), row.source, row.device, row.learned)
-        if key in ("runtime", _LOG) and row.runtime is not None:
-            yield replace(made, mean=Cell(_scaled(key, row.runtime), "on the authors' machine"))
+        made = MethodRow(row.method, "published", cells, Score(), row.source, row.device, row.learned)
+        if key in _TIMES and row.runtime is not None:
+            yield replace(made, mean=Score(_scaled(key, row.runtime), "on the authors' machine"))
         elif any(cell.value is not None for cell in cells):
             # A mean over some of the scenes would stand beside means over all of them.
             whole = all(cell.value is not None for cell in compress(cells, scored))
-            yield _with_mean(made, scored) if whole else replace(made, mean=Cell(note="–"))
+            yield _with_mean(made, scored) if whole else replace(made, mean=Score(note=ABSENT))
 
 
-def _published_cell(row: PublishedRow, scene: str, key: str) -> Cell:
+def _published_cell(row: PublishedRow, scene: str, key: str) -> Score:
     value = row.scores.get(key, {}).get(scene)
-    return Cell(note="–") if value is None else Cell(value, "", row.resolution(scene))
+    return Score(note=ABSENT) if value is None else Score(float(value), "", row.resolution(scene))
 
 
-def _with_mean(row: Row, scored: Sequence[bool]) -> Row:
+def _with_mean(row: MethodRow, scored: Sequence[bool]) -> MethodRow:
     """The row with its mean over the scenes that have the metric; it says if a method lacks some of them."""
     known = [cell for cell in compress(row.cells, scored) if cell.value is not None]
     mean = mean_over_scenes([cell.value for cell in known])
     if math.isnan(mean):
-        return replace(row, mean=Cell(note="no scene"))
+        return replace(row, mean=Score(note="no scene"))
     resolutions = {cell.resolution for cell in known}
     part = "" if len(known) == sum(scored) else f"{len(known)} of {sum(scored)} scenes"
-    return replace(row, mean=Cell(mean, part, resolutions.pop() if len(resolutions) == 1 else "mixed"))
+    return replace(row, mean=Score(mean, part, resolutions.pop() if len(resolutions) == 1 else "mixed"))
 
 
-def _ranked(own: Sequence[Row], others: Sequence[Row], scored: Sequence[bool]) -> tuple[Row, ...]:
+def _ranked(
+    own: Sequence[MethodRow], others: Sequence[MethodRow], scored: Sequence[bool]
+) -> tuple[MethodRow, ...]:
     rows = [*own, *others]
     columns = [_rank_column([row.cells[i] for row in rows], len(own)) for i in range(len(scored))]
     # A mean is comparable with another where each of its scenes is.
@@ -162,16 +209,16 @@ def _ranked(own: Sequence[Row], others: Sequence[Row], scored: Sequence[bool]) -
     )
 
 
-def _rank_column(cells: Sequence[Cell], own: int) -> list[Cell]:
+def _rank_column(cells: Sequence[Score], own: int) -> list[Score]:
     resolution = next((cell.resolution for cell in cells[:own] if cell.value is not None), "")
     return _rank(cells, [cell.value is not None and cell.resolution == resolution for cell in cells])
 
 
-def _rank(cells: Sequence[Cell], comparable: Sequence[bool]) -> list[Cell]:
+def _rank(cells: Sequence[Score], comparable: Sequence[bool]) -> list[Score]:
     pairs = list(zip(cells, comparable, strict=True))
     values = sorted(cell.value for cell, yes in pairs if yes and cell.value is not None)
 
-    def ranked(cell: Cell, value: float) -> Cell:
+    def ranked(cell: Score, value: float) -> Score:
         rank = values.index(value) + 1
         return replace(cell, rank=rank, best=_is_best(rank, len(values)))
 
@@ -188,50 +235,36 @@ def best(values: Sequence[float]) -> list[bool]:
     return [value in known and _is_best(known.index(value) + 1, len(known)) for value in values]
 
 
-def figures(value: float) -> str:
-    """Value with three significant digits, as the published tables print them; whole numbers are not cut."""
-    if value == 0:
-        return "0"
-    return f"{value:.{max(0, 2 - max(math.floor(math.log10(abs(value))), -1))}f}"
-
-
-def cell_text(cell: Cell) -> str:
-    """What stands in a cell of a plain table; a value that is not comparable carries the reason."""
-    if cell.value is None:
-        return cell.note
-    mark = cell_mark(cell)
-    return figures(cell.value) + (f" ({mark})" if mark else "")
-
-
-def cell_mark(cell: Cell) -> str:
-    """What a reader must know of a value: that it stands on other truth than it should, or on part of it."""
-    if cell.note == LOW_INSTEAD:
-        return "low"
-    return cell.note or (cell.resolution if not cell.rank else "")
-
-
-def sources(found: Iterable[Table]) -> list[Source]:
+def sources(found: Iterable[MetricTable]) -> list[Source]:
     """Sources of the published rows, in the order of their numbers."""
     return list(dict.fromkeys(row.source for table in found for row in table.rows if row.source))
 
 
-def markdown(table: Table, numbered: Sequence[Source]) -> str:
-    """The table in Markdown; the best three of a column in bold, published rows with their source."""
-    head = ["method", *table.scenes, "mean"]
-    lines = [
-        f"### {table.label}{f' ({table.unit})' if table.unit else ''}",
-        "",
-        "| " + " | ".join(head) + " |",
-        "|" + "---|" * len(head),
-    ]
-    for row in table.rows:
-        name = row.method if row.origin == "measured" else f"*{row.method}* ({row.origin})"
-        name += ", learned" if row.learned else ""
-        name += f" [{numbered.index(row.source) + 1}]" if row.source else ""
-        texts = [_markdown_cell(cell) for cell in (*row.cells, row.mean)]
-        lines.append("| " + " | ".join([name, *texts]) + " |")
-    return "\n".join([*lines, ""])
+def means(found: Sequence[MetricTable]) -> Table:
+    """The means of the methods that were run or given, over all scenes, in one table."""
+    # Rows of our own come first, in the same order in every table.
+    own = [number for number, row in enumerate(found[0].rows) if row.origin != "published"]
+    return Table(
+        (Column("method"), *(Column(table.label, table.unit) for table in found)),
+        tuple(
+            Row(
+                (found[0].rows[n].row((), device=False).cells[0], *(each.rows[n].mean.cell for each in found))
+            )
+            for n in own
+        ),
+        "Means over the scenes",
+    )
 
 
-def _markdown_cell(cell: Cell) -> str:
-    return f"**{cell_text(cell)}**" if cell.best else cell_text(cell)
+def long_table(found: Iterable[MetricTable]) -> Table:
+    """All values in one table, a line per method, scene and metric."""
+    heads = ("metric", "unit", "method", "origin", "scene", "value", "truth", "note")
+    return Table.of(
+        heads,
+        [
+            (table.key, table.unit, row.method, row.origin, scene, score.value, score.resolution, score.note)
+            for table in found
+            for row in table.rows
+            for scene, score in zip((*table.scenes, "mean"), (*row.cells, row.mean), strict=True)
+        ],
+    )

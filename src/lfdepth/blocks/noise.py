@@ -15,7 +15,7 @@ from lfdepth.lightfield import LightField
 
 _SAMPLES = 800
 _WINDOW = 4  # px, radius
-_GREY = 1.4
+_GREY, _FEW = 1.4, 1.8  # by how much one channel's residual is too low, and more so in few views
 _LOW, _HIGH, _HIGHEST = 0.003, 0.02, 0.1
 
 
@@ -80,5 +80,5 @@ def texture_weight(lf: LightField, level: float) -> NDArray[np.float32]:
     level = max(level, 1e-6)
     # One channel's residual scatters more than the mean of three, so its least over planes lies lower.
     if lf.views.shape[-1] == 1:
-        level *= _GREY
+        level *= _GREY * (1 + _FEW / max(int(lf.available.sum()) - 1, 1))
     return ramp(contrast / level, 0.55, 0.8)

@@ -163,28 +163,28 @@ def evaluate(
         Disparity map of the reference view: .pfm, .npy, .npz, .tif, .exr, .zarr, or .png with its .json. The
         confidence that .npz, .zarr and .exr hold is scored as well.
     scene
-        Light field with truth, such as a benchmark folder with gt_disp_lowres.pfm.
+        Light field with truth, such as a benchmark folder with gt_disp_lowres.pfm, or with --truth FILE.
     error_map
         Also write the signed error as a picture, .png: red = too near, blue = too far.
     """
     import lfdepth
-    from lfdepth.io import read_confidence, read_disparity
-    from lfdepth.scoring import read_high_resolution
-    from lfdepth.scoring.truth import read_scene
+    from lfdepth.io import read_confidence, read_disparity, read_high_resolution, read_to_score
 
     if error_map is not None:
         check_picture(error_map, apart_from=result)
     disparity = read_disparity(result, finite=False)
-    lf, unusable = read_scene(scene, reading.read)
-    high = read_high_resolution(scene) if scene.is_dir() and reading.keeps_size else None
+    lf, unusable = read_to_score(scene, reading.read)
+    beside = scene.is_dir() and reading.keeps_size and reading.truth is None
+    high = read_high_resolution(scene) if beside else None
     scores = lfdepth.evaluate(disparity, lf, confidence=read_confidence(result), high=high, unusable=unusable)
     for reason in [*unusable.values(), *(high.unusable.values() if high else ())]:
         print(f"mask left out: {reason}", file=sys.stderr)
     if error_map is not None:
         from lfdepth.pictures import error_map as write_error_map
+        from lfdepth.scoring.captions import score_lines
 
         assert lf.truth is not None  # or it could not have been scored
-        write_error_map(disparity, lf.truth, error_map)
+        write_error_map(disparity, lf.truth, error_map, caption=score_lines(scores))
     report(scores.as_dict(), as_json, lambda _: scores.table())
 
 
@@ -325,6 +325,7 @@ def refocus(
         Number of threads; every processor by default.
     """
     _check_focus(disparity, all_in_focus, without_foreground, source)
+    from lfdepth.io.pixels import write_picture
     from lfdepth.render import refocus as focusing
 
     check_picture(output, apart_from=source.map)
@@ -337,7 +338,7 @@ def refocus(
         picture = focusing.refocus(
             lf, disparity, without_foreground=without_foreground, disparity_map=near, threads=threads
         )
-    focusing.write_picture(output, picture)
+    write_picture(output, picture)
     report(refocus_facts(lf, disparity, without_foreground, output), as_json, refocus_text)
 
 

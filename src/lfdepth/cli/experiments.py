@@ -30,6 +30,7 @@ def bench(
     methods: Annotated[tuple[str, ...], Several] = (),
     settings: Annotated[tuple[str, ...], Several] = (),
     plan: Path | None = None,
+    truth: Annotated[tuple[str, ...], Several] = (),
     external: Annotated[tuple[Path, ...], Several] = (),
     compare: Annotated[tuple[str, str] | None, Parameter(metavar="A B")] = None,
     published: bool = True,
@@ -58,6 +59,8 @@ def bench(
         Parameters as in step=0.02,skip=7; each of these sets is tried with every one of the methods.
     plan
         TOML file with scenes, methods, settings and external, besides those given here.
+    truth
+        Truth that is not beside the views, SCENE=FILE for each scene, or FILE for a single one.
     external
         Folders with maps of other programs, SCENE.pfm, and run times in seconds, SCENE.txt.
     compare
@@ -67,9 +70,9 @@ def bench(
     threads
         Number of threads; every processor by default.
     """
-    from lfdepth.bench.plan import Plan, cross, parameters, read_plan, setting
+    from lfdepth.bench.plan import Plan, cross, parameters, read_plan, setting, with_truth
     from lfdepth.bench.run import bench as run_bench
-    from lfdepth.bench.tables import markdown, tables
+    from lfdepth.bench.tables import tables
     from lfdepth.cli.progress import Progress
 
     planned = read_plan(plan) if plan else Plan((), ())
@@ -77,7 +80,7 @@ def bench(
     tried = cross(map(setting, named), [parameters(each) for each in settings] or [{}])
     with Progress() as progress:
         result = run_bench(
-            [*planned.scenes, *scenes],
+            [*planned.scenes, *with_truth(scenes, truth)],
             [*planned.settings, *tried],
             output,
             external=[*planned.external, *external],
@@ -89,7 +92,8 @@ def bench(
 
     def text(_: dict[str, Any]) -> str:
         shown = [table for table in tables(result, published=False) if table.key in MAIN_METRICS]
-        return "\n".join([*(markdown(table, ()) for table in shown), f"written  {output / 'report.html'}"])
+        texts = [table.table().to_markdown() + "\n" for table in shown]
+        return "\n".join([*texts, f"written  {output / 'report.html'}"])
 
     report(json.loads((output / "results.json").read_text(encoding="utf-8")), as_json, text)
     return _status(list(map(str, result.failures)))
@@ -262,8 +266,8 @@ def render(
         Standard deviation of the sensor's noise at mid grey, grey levels of 255; the scene's own by default.
     """
     from lfdepth import scenes
-    from lfdepth.bench.cache import make_folder
     from lfdepth.cli.progress import Progress
+    from lfdepth.io.atomic import make_folder
 
     if not names:
         raise LightFieldError('scenes render: no name given; expected names of scenes or "all"; give one')

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -119,12 +119,16 @@ class Reading:
     Attributes
     ----------
     format
-        Format of the scene, where looking at it is not enough: benchmark, folder, eslf, hdf5, mat, npy, npz,
-        quilt, tiff, zarr.
+        Format of the scene, where looking at it is not enough: benchmark, folder, eslf, hdf5, mat, mosaic,
+        npy, npz, quilt, tiff, zarr.
     grid
         Grid of views as they are stored, where files only number them.
     partial
         Some views are absent on purpose.
+    pattern
+        Which pictures of a folder are views, such as 'shot_*.png' or '*/000.png'.
+    axes
+        Order of the axes of an array, such as VUHWC or WHUV, where its lengths do not tell.
     views
         Use only this many views, around the reference view.
     crop
@@ -137,6 +141,23 @@ class Reading:
         Reverse the columns of the grid of views.
     flip_v
         Reverse the rows of the grid of views.
+    serpentine
+        Every second row of views, as they are stored, runs back.
+    white_level
+        Value of white among the samples, such as 4095 for 12 bits in a 16-bit file; by default what the
+        file or
+        its samples tell.
+    positions
+        Table of camera positions, CSV with v,u,y,x for each view.
+    truth
+        Disparity of the reference view, px per view step: .pfm, .npy, .npz, .tif, .exr, .zarr, .mat, .h5 or
+        .png.
+    truth_scale
+        The truth is offset + scale · value.
+    truth_offset
+        See --truth-scale.
+    truth_variable
+        Name of the truth in a file of several arrays.
     baseline_mm
         Distance between neighbouring views, mm.
     focal_mm
@@ -150,25 +171,34 @@ class Reading:
     format: str | None = None
     grid: Grid = None
     partial: Flag = False
+    pattern: str | None = None
+    axes: str | None = None
     views: Grid = None
     crop: Annotated[tuple[int, int, int, int] | None, Parameter(metavar="X Y WIDTH HEIGHT")] = None
     scale: float = 1.0
     transpose: Flag = False
     flip_u: Flag = False
     flip_v: Flag = False
+    serpentine: Flag = False
+    white_level: float | None = None
+    positions: Path | None = None
+    truth: Path | None = None
+    truth_scale: float | None = None
+    truth_offset: float = 0.0
+    truth_variable: str | None = None
     baseline_mm: float | None = None
     focal_mm: float | None = None
     sensor_mm: float | None = None
     focus_m: float | None = None
 
-    def read(self, scene: Path, unusable: dict[str, str] | None = None) -> LightField:
-        """Read a light field; `unusable` takes the masks that cannot be used, as in `lfdepth.read`."""
+    def read(self, scene: Path, *, without_masks: Collection[str] = ()) -> LightField:
+        """Read a light field, apart from some masks."""
         import lfdepth
 
-        options = dict(vars(self))
+        options: dict[str, Any] = {**vars(self), "without_masks": without_masks}
         for short, long in _LONG_NAMES.items():
             options[long] = options.pop(short)
-        return lfdepth.read(scene, unusable=unusable, **options)
+        return lfdepth.read(scene, **options)
 
     def check_order(self, lf: LightField) -> Orientation:
         """Test on the pixels whether the views that were read so are in order."""

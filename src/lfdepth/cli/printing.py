@@ -8,10 +8,11 @@ from dataclasses import asdict
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 if TYPE_CHECKING:
     from pathlib import Path
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from lfdepth.cli.progress import Progress
@@ -80,8 +81,14 @@ def estimate_text(facts: Facts) -> str:
 def methods_facts() -> Facts:
     """Methods with their parameters, presets, engines."""
     from lfdepth import engines, methods
+    from lfdepth.errors import LightFieldError
 
-    known = [methods.method_class(name) for name in methods.names()]
+    known, unusable = [], []
+    for name in methods.names():
+        try:
+            known.append(methods.method_class(name))
+        except LightFieldError as error:  # another package's; it must not hide the others
+            unusable.append({"name": name, "problem": str(error)})
     return {
         "methods": [
             {
@@ -92,6 +99,7 @@ def methods_facts() -> Facts:
             }
             for each in known
         ],
+        "unusable": unusable,
         "presets": methods.PRESETS,
         "engines": [{"name": name, "summary": engines.SUMMARIES[name]} for name in engines.NAMES],
     }
@@ -103,6 +111,7 @@ def methods_text(facts: Facts) -> str:
     for method in facts["methods"]:
         defaults = {each["option"]: each["default"] for each in method["parameters"]}
         lines += [f"{method['name']}: {method['summary']}", f"    {_parameters_text(defaults)}"]
+    lines += [f"{each['name']}: cannot be used\n    {each['problem']}" for each in facts["unusable"]]
     lines += ["", "What each parameter means: lfdepth estimate --method NAME --help", ""]
     lines += [f"--preset {name}: {_parameters_text(preset)}" for name, preset in facts["presets"].items()]
     lines += [f"--engine {each['name']}: {each['summary']}" for each in facts["engines"]]
@@ -140,8 +149,12 @@ def scene_facts(
         "range_problem": problem,
         "depth_range_m": lf.camera.disparity_to_depth(ends)[::-1].tolist() if lf.camera and ends else None,
         "camera": asdict(lf.camera) if lf.camera else None,
-        "truth_range": None if lf.truth is None else [float(lf.truth.min()), float(lf.truth.max())],
+        "truth_range": _truth_range(lf),
+        "truth_share": None if lf.truth is None else float(np.isfinite(lf.truth).mean()),
         "masks": sorted(lf.masks),
+        "white_level": lf.white_level,
+        "off_grid": None if lf.positions is None else float(np.abs(lf.positions).max()),
+        "remarks": list(lf.remarks),
     }
 
 
@@ -157,10 +170,36 @@ def scene_text(facts: Facts) -> str:
             "range": _scene_range_text(facts),
             "depth": f"{depth[0]:.3g} to {depth[1]:.3g} m" if depth else "unknown",
             "camera": _camera_text(camera) if camera else "unknown",
-            "truth": _range_text(truth) if truth else "none",
+            "truth": _truth_text(truth, facts["truth_share"]),
             "masks": ", ".join(facts["masks"]) or "none",
         }
+        | _positions_line(facts["off_grid"])
+        | _remark_lines(facts["remarks"])
     )
+
+
+def _truth_range(lf: LightField) -> list[float] | None:
+    if lf.truth is None or not np.isfinite(lf.truth).any():
+        return None
+    known = lf.truth[np.isfinite(lf.truth)]
+    return [float(known.min()), float(known.max())]
+
+
+def _truth_text(ends: Sequence[float] | None, share: float | None) -> str:
+    if not ends:
+        return "none"
+    return _range_text(ends) + ("" if share == 1 else f", at {100 * (share or 0):.3g} % of the pixels")
+
+
+def _positions_line(off_grid: float | None) -> dict[str, str]:
+    if off_grid is None:
+        return {}
+    return {"cameras": f"up to {100 * off_grid:.2g} % of a view step off the regular grid"}
+
+
+def _remark_lines(remarks: Sequence[str]) -> dict[str, str]:
+    """A line for each remark; the first one has the heading."""
+    return {("remarks" if number == 0 else " " * number): remark for number, remark in enumerate(remarks)}
 
 
 def _order_facts(orientation: Orientation) -> Facts:
@@ -196,6 +235,8 @@ def conversion_facts(lf: LightField | None, output: Path) -> Facts:
         "scene": lf and lf.name,
         "shape": lf and list(lf.shape),
         "absent_views": lf and _absent(lf),
+        "white_level": lf and lf.white_level,
+        "remarks": list(lf.remarks) if lf else [],
         "written": [str(output)],
     }
 
@@ -206,7 +247,8 @@ def conversion_text(facts: Facts) -> str:
     if facts["scene"] is None:
         return _aligned(written)
     absent = f", {facts['absent_views']} absent" if facts["absent_views"] else ""
-    return _aligned({"scene": f"{facts['scene']}, {_shape_text(facts['shape'])}{absent}"} | written)
+    scene = {"scene": f"{facts['scene']}, {_shape_text(facts['shape'])}{absent}"}
+    return _aligned(scene | _remark_lines(facts["remarks"]) | written)
 
 
 # --- refocus, mask

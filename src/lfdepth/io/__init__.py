@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
 import numpy.typing as npt
 
 from lfdepth.camera import Camera, CameraOptions
 from lfdepth.errors import LightFieldError
-from lfdepth.io.formats import FORMATS, find_format
+from lfdepth.io.benchmark import read_high_resolution, unusable_masks
+from lfdepth.io.formats import FORMATS, Format, find_format
 from lfdepth.io.layout import Layout
 from lfdepth.io.limits import check_file
 from lfdepth.io.maps import (
@@ -25,10 +28,12 @@ from lfdepth.io.maps import (
     write_map,
 )
 from lfdepth.io.ply import write_ply
-from lfdepth.io.record import Record, as_depth, as_record
+from lfdepth.io.record import Record, as_depth, as_record, checked_map
 from lfdepth.io.source import Selection, assemble
 from lfdepth.io.stack import unreadable
+from lfdepth.io.truth import read_truth
 from lfdepth.io.unchanged import unchanged
+from lfdepth.io.white import check_white_level
 from lfdepth.io.writing import check_light_field_writable, write_light_field
 from lfdepth.lightfield import LightField
 
@@ -43,9 +48,15 @@ __all__ = [
     "read",
     "read_confidence",
     "read_disparity",
+    "read_high_resolution",
     "read_record",
+    "read_to_score",
+    "read_truth",
     "write",
 ]
+
+_ARRAYS = ("npy", "npz", "hdf5", "mat", "zarr")
+"""Formats that are one array of views."""
 
 
 def read(
@@ -54,18 +65,27 @@ def read(
     format: str | None = None,
     grid: tuple[int, int] | None = None,
     partial: bool = False,
+    pattern: str | None = None,
+    axes: str | None = None,
     views: tuple[int, int] | None = None,
     crop: tuple[int, int, int, int] | None = None,
     scale: float = 1.0,
     transpose: bool = False,
     flip_v: bool = False,
     flip_u: bool = False,
+    serpentine: bool = False,
+    white_level: float | None = None,
+    positions: str | Path | None = None,
+    truth: str | Path | npt.NDArray[Any] | None = None,
+    truth_scale: float | None = None,
+    truth_offset: float = 0.0,
+    truth_variable: str | None = None,
     baseline_mm: float | None = None,
     focal_length_mm: float | None = None,
     sensor_size_mm: float | None = None,
     focus_distance_m: float | None = None,
     check: bool = False,
-    unusable: dict[str, str] | None = None,
+    without_masks: Collection[str] = (),
 ) -> LightField:
     """Read a light field.
 
@@ -80,6 +100,11 @@ def read(
     partial : bool
         Absent views are meant, whatever pattern they form. Without it, only patterns that are symmetric about
         the reference view (the centre cross, the diagonals) may lack views.
+    pattern : str, optional
+        Which files of a folder are views, where others lie among them: ``"shot_*.png"``, ``"*/000.png"``.
+    axes : str, optional
+        Order of the axes of an array, where its lengths do not tell: V and U, or N for a running number of
+        views, H, W, and C if there is one, such as ``"WHUV"``.
     views : tuple of int, optional
         (V, U) views to read around the reference view, after reordering.
     crop : tuple of int, optional
@@ -90,14 +115,30 @@ def read(
     transpose, flip_v, flip_u : bool
         Reorder the grid of views: swap its rows and columns, then reverse its rows, its columns. The pictures
         stay as they are. Views numbered column by column are read with ``grid=(U, V), transpose=True``.
+    serpentine : bool
+        Every second row of views runs back, as cameras that are moved in loops record them. It is put right
+        before the other reorderings.
+    white_level : float, optional
+        Value of white among the samples, such as 4095 for 12 bits in a 16-bit file. By default what the file
+        states, or what the samples tell: for 16 bits, that of the fewest of 8, 10, 12, 14 or 16 bits which
+        hold all of them; for floats beyond 1, see `lfdepth.io.white.find_white`. Samples are scaled to the
+        white of their type.
+    positions : str or Path, optional
+        CSV with `v,u,y,x` for each view: its row and column as stored, and where its camera stands.
+    truth : str, Path or (H, W) array, optional
+        Disparity of the reference view that is read, over what the files say; NaN where it is not known.
+    truth_scale, truth_offset : float
+        For truth from a file, which then is offset + scale · value.
+    truth_variable : str, optional
+        Name of the truth in a file of several arrays.
     baseline_mm, focal_length_mm, sensor_size_mm, focus_distance_m : float, optional
         Camera, over what the files say; see `lfdepth.Camera`. Values are those of the whole views.
     check : bool
         Test on the pixels whether the grid of views is in order, and refuse it if it is not. Where the scene
         cannot tell, a warning says so.
-    unusable : dict, optional
-        Takes the names of masks that are damaged or of another size than the views, with the reason; the
-        rest is read. Without it, such a mask is an error.
+    without_masks : collection of str
+        Names of masks of a benchmark folder that are left unread (`unusable_masks` tells those that are
+        damaged).
 
     Returns
     -------
@@ -114,21 +155,69 @@ def read(
     _check_grid(grid)
     camera = CameraOptions(baseline_mm, focal_length_mm, sensor_size_mm, focus_distance_m)
     check_file(path)
-    selection = Selection(views, crop, scale, transpose, flip_v, flip_u, camera)
+    check_white_level(white_level)
+    known = find_format(path, format)
+    layout = Layout(
+        grid,
+        partial,
+        _checked_pattern(pattern, known),
+        _checked_axes(axes, known),
+        without_masks=frozenset(without_masks),
+    )
+    if isinstance(truth, (str, Path)):
+        truth = read_truth(truth, scale=truth_scale, offset=truth_offset, variable=truth_variable)
+    selection = Selection(
+        views=views,
+        crop=crop,
+        scale=scale,
+        transpose=transpose,
+        flip_v=flip_v,
+        flip_u=flip_u,
+        serpentine=serpentine,
+        white_level=white_level,
+        positions=None if positions is None else Path(positions),
+        truth=None if truth is None else checked_map(np.asarray(truth), "truth", finite=False),
+        camera=camera,
+    )
     try:
         with unchanged(path):
-            source = find_format(path, format).open(path, Layout(grid, partial))
-            if source.unusable and unusable is None:
-                source.close()
-                raise LightFieldError(next(iter(source.unusable.values())))
-            lf = assemble(source, selection)
-        if unusable is not None:
-            unusable.update(source.unusable)
+            lf = assemble(known.open(path, layout), selection)
     except OSError as error:  # a folder where a file should be, missing permissions
         raise unreadable(path, error) from None
     if check:
         _check_order(lf, path, selection)
     return lf
+
+
+def read_to_score(path: Path, read: Callable[..., LightField] = read) -> tuple[LightField, dict[str, str]]:
+    """Read a light field also where some of its masks cannot be used: the rest can be scored all the same.
+
+    Parameters
+    ----------
+    path : Path
+        Light field.
+    read : callable
+        How it is read: takes the path and `without_masks`.
+
+    Returns
+    -------
+    LightField
+        With the masks that can be used.
+    dict of str to str
+        The reason by name for each of the others.
+
+    Raises
+    ------
+    LightFieldError
+        If something else is wrong.
+    """
+    try:
+        return read(path), {}
+    except LightFieldError:
+        unusable = unusable_masks(path)
+        if not unusable:
+            raise
+    return read(path, without_masks=tuple(unusable)), unusable
 
 
 def write(
@@ -212,6 +301,33 @@ def _check_grid(grid: tuple[int, int] | None) -> None:
         raise LightFieldError(
             f"grid: {grid[0]} rows and {grid[1]} columns; expected at least one of each; correct it"
         )
+
+
+def _checked_pattern(pattern: str | None, known: Format) -> str | None:
+    if pattern is not None and known.name != "folder":
+        raise LightFieldError(
+            f"pattern: given for {known.what}; expected it with a folder of views; leave it out"
+            + (", or say that it is a plain folder (format)" if known.name == "benchmark" else "")
+        )
+    return pattern
+
+
+def _checked_axes(axes: str | None, known: Format) -> str | None:
+    if axes is None:
+        return None
+    axes = axes.upper()
+    if known.name not in _ARRAYS:
+        raise LightFieldError(
+            f"axes: given for {known.what}; expected them with an array ({', '.join(_ARRAYS)}); leave "
+            "them out"
+        )
+    if "".join(sorted(axes.replace("C", "", 1))) not in ("HUVW", "HNW"):
+        raise LightFieldError(
+            f"axes {axes!r}: unknown; expected V and U, or N for a running number of views, H, W, and C "
+            "if there "
+            "is one, each once, such as VUHWC; correct them"
+        )
+    return axes
 
 
 def _with_camera(scene: LightField | None, values: npt.NDArray[Any], path: Path) -> tuple[LightField, Camera]:

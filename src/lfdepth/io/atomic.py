@@ -314,3 +314,14 @@ def _unwritable(path: Path, error: OSError) -> LightFieldError:
     return LightFieldError(
         f"{path}: cannot be written ({reason}); expected a writable folder with free space; choose another"
     )
+
+
+def make_folder(folder: Path) -> Path:
+    """Make a folder and those above it; LightFieldError where that is impossible."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise LightFieldError(
+            f"{folder}: cannot be made ({error.strerror}); expected a writable folder; choose another"
+        ) from None
+    return folder

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from configparser import ConfigParser
 from configparser import Error as ConfigError
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,15 +19,41 @@ from lfdepth.io.atomic import atomic_folder
 from lfdepth.io.layout import Layout, size
 from lfdepth.io.limits import check_grid, check_inside, read_text
 from lfdepth.io.pfm import read_pfm, write_pfm
-from lfdepth.io.picture import checked_name, read_picture, write_mask, write_picture
+from lfdepth.io.picture import checked_name, read_picture, write_picture
 from lfdepth.io.record import Record, checked_map
 from lfdepth.io.source import ViewSource
 from lfdepth.lightfield import LightField, check_range
+from lfdepth.truth import HighResolution
 
 _VIEW = re.compile(r"input_Cam(\d+)\.png")
-_MASK = re.compile(r"mask_(\w+)_lowres\.png")
 _CONFIG = "parameters.cfg"
-_TRUTH = "gt_disp_lowres.pfm"
+
+
+@dataclass(frozen=True)
+class _Resolution:
+    """Names of the files of one resolution of the truth."""
+
+    word: str
+
+    @property
+    def truth(self) -> str:
+        return f"gt_disp_{self.word}.pfm"
+
+    def mask(self, name: str) -> str:
+        return f"mask_{name}_{self.word}.png"
+
+    def masks(self, folder: Path) -> dict[str, Path]:
+        """Masks in a folder by name."""
+        found = ((self.mask_name(file.name), file) for file in sorted(folder.iterdir()))
+        return {name: file for name, file in found if name}
+
+    def mask_name(self, file: str) -> str | None:
+        """Name of the mask that a file holds; None for other files."""
+        match = re.fullmatch(rf"mask_(\w+)_{self.word}\.png", file)
+        return match and match[1]
+
+
+_LOW, _HIGH = _Resolution("lowres"), _Resolution("highres")
 
 
 @dataclass(frozen=True)
@@ -56,18 +83,16 @@ def open_benchmark(path: Path, layout: Layout) -> ViewSource:
     ------
     LightFieldError
         If views are missing and it is not meant, or there are too many; if `parameters.cfg` is garbled or
-        contradicts the files or the grid asked for; if the truth is damaged or of another size.
+        contradicts the files or the grid asked for; if the truth or a mask is damaged or of another size.
     """
     files = _view_files(path)
-    check_inside(path, [*files.values(), path / _CONFIG, path / _TRUTH])
+    check_inside(path, [*files.values(), path / _CONFIG, path / _LOW.truth])
     parameters = read_parameters(path / _CONFIG) if (path / _CONFIG).exists() else None
     grid = parameters.grid if parameters else layout.of_count(max(files, default=-1) + 1, str(path))
     check_grid(path, grid)
     present = _present(path, files, grid, layout)
     if parameters:
         _check_resolution(next(iter(files.values())), parameters.camera)
-
-    masks, unusable = _read_masks(path, next(iter(files.values())))
 
     def file(v: int, u: int) -> Path:
         number = v * grid[1] + u
@@ -80,17 +105,40 @@ def open_benchmark(path: Path, layout: Layout) -> ViewSource:
         present=present,
         camera=parameters.camera if parameters else None,
         disparity_range=parameters.disparity_range if parameters else None,
-        truth=checked_map(read_pfm(path / _TRUTH), str(path / _TRUTH)) if (path / _TRUTH).exists() else None,
-        masks=masks,
-        unusable=unusable,
+        truth=_read_truth(path / _LOW.truth),
+        masks={
+            name: _read_mask(file)[..., 0] > 0
+            for name, file in _LOW.masks(path).items()
+            if name not in layout.without_masks
+        },
         name=path.resolve().name,
     )
 
 
-def write_benchmark(path: Path, lf: LightField) -> None:
+def write_benchmark(
+    path: Path,
+    lf: LightField,
+    *,
+    high: HighResolution | None = None,
+    labels: Mapping[str, npt.NDArray[Any]] | None = None,
+    category: str = "",
+) -> None:
     """Write a folder in the benchmark's layout, which many tools read.
 
     A folder is replaced if it is empty or was written so and holds nothing else.
+
+    Parameters
+    ----------
+    path : Path
+        The folder.
+    lf : LightField
+        Views of 8 or 16 bits, with camera and disparity range.
+    high : HighResolution, optional
+        Truth and masks at ten times the size, written beside those of the light field.
+    labels : mapping of str to (H, W) uint8 array, optional
+        Masks with several labels, which those of a light field do not tell apart.
+    category : str
+        What `parameters.cfg` calls the kind of scene.
 
     Raises
     ------
@@ -110,19 +158,40 @@ def write_benchmark(path: Path, lf: LightField) -> None:
         for number, (v, u) in enumerate(np.ndindex(*lf.shape[:2])):
             if lf.present is None or lf.present[v, u]:
                 write_picture(folder / _view_name(number), lf.views[v, u])
-        text = _parameters_text(lf.shape, lf.camera, lf.disparity_range, path.name)
+        name = lf.name if category else path.name
+        text = _parameters_text(lf.shape, lf.camera, lf.disparity_range, name, category)
         (folder / _CONFIG).write_text(text, encoding="utf-8")
-        if lf.truth is not None:
-            write_pfm(folder / _TRUTH, Record(lf.truth))
-        for name, mask in lf.masks.items():
-            write_mask(folder / f"mask_{checked_name(name, path)}_lowres.png", mask)
+        _write_truth(folder, _LOW, lf.truth, {**lf.masks, **(labels or {})})
+        if high is not None:
+            _write_truth(folder, _HIGH, high.truth, high.masks)
+
+
+def _write_truth(
+    folder: Path,
+    resolution: _Resolution,
+    truth: npt.NDArray[Any] | None,
+    masks: Mapping[str, npt.NDArray[Any]],
+) -> None:
+    """Write truth and masks; masks are black and white, those with several labels keep them."""
+    if truth is not None:
+        write_pfm(folder / resolution.truth, Record(truth))
+    for name, mask in masks.items():
+        values = mask.astype(np.uint8)
+        if values.max() <= 1:
+            values = values * np.uint8(255)
+        write_picture(folder / resolution.mask(checked_name(name, folder)), values[..., None])
 
 
 def _parameters_text(
-    shape: tuple[int, ...], camera: Camera, disparity_range: tuple[float, float], name: str
+    shape: tuple[int, ...],
+    camera: Camera,
+    disparity_range: tuple[float, float],
+    name: str,
+    category: str,
 ) -> str:
     x, y = camera.principal_point
     axis = f"principal_point_x_px = {x!r}\nprincipal_point_y_px = {y!r}\n" if camera.centre else ""
+    kind = f"category = {category}\n" if category else ""
     return f"""# Written by lfdepth
 [intrinsics]
 focal_length_mm = {camera.focal_length_mm!r}
@@ -138,7 +207,7 @@ focus_distance_m = {camera.focus_distance_m!r}
 
 [meta]
 scene = {name}
-disp_min = {disparity_range[0]!r}
+{kind}disp_min = {disparity_range[0]!r}
 disp_max = {disparity_range[1]!r}
 """
 
@@ -241,22 +310,65 @@ def _check_resolution(file: Path, camera: Camera) -> None:
         )
 
 
-def _read_masks(path: Path, view: Path) -> tuple[dict[str, npt.NDArray[np.bool_]], dict[str, str]]:
-    """Masks of the views' size by name; and of the others, why they cannot be used."""
-    files = sorted(file for file in path.iterdir() if _MASK.fullmatch(file.name))
-    size = read_picture(view).shape[:2] if files else (0, 0)
-    masks, unusable = {}, {}
-    for file in files:
-        name = file.name.removeprefix("mask_").removesuffix("_lowres.png")
+def _read_truth(file: Path) -> npt.NDArray[np.float32] | None:
+    """The truth, which may have gaps; None if there is none."""
+    return checked_map(read_pfm(file), str(file), finite=False) if file.exists() else None
+
+
+def _read_mask(file: Path, size: tuple[int, int] | None = None) -> npt.NDArray[Any]:
+    """A mask (H, W, C) with its labels; LightFieldError if it is not of a size that is asked for."""
+    check_inside(file.parent, [file])
+    mask = read_picture(file)
+    if size is not None and mask.shape[:2] != size:
+        raise LightFieldError(
+            f"{file}: {mask.shape[1]}x{mask.shape[0]} px; expected {size[1]}x{size[0]} px; replace it"
+        )
+    return mask
+
+
+# --- what scores need beside the light field
+
+
+def read_high_resolution(folder: Path | str) -> HighResolution | None:
+    """Read `gt_disp_highres.pfm` and every `mask_NAME_highres.png` of a benchmark folder.
+
+    Returns
+    -------
+    HighResolution or None
+        None where there is no high-resolution truth. A mask that is damaged or of another size than the truth
+        is named in `unusable`, and the rest is read.
+
+    Raises
+    ------
+    LightFieldError
+        If the truth is there but damaged.
+    """
+    folder = Path(folder)
+    if not (folder / _HIGH.truth).exists():
+        return None
+    check_inside(folder, [folder / _HIGH.truth])
+    truth = read_pfm(folder / _HIGH.truth)
+    masks, unusable = _usable_masks(_HIGH.masks(folder), (truth.shape[0], truth.shape[1]))
+    return HighResolution(truth, masks, unusable)
+
+
+def unusable_masks(folder: Path) -> dict[str, str]:
+    """Why low-resolution masks of a benchmark folder cannot be used: damaged, or not of the views' size."""
+    if not folder.is_dir() or not (views := _view_files(folder)):
+        return {}
+    height, width = read_picture(next(iter(views.values()))).shape[:2]
+    return _usable_masks(_LOW.masks(folder), (height, width))[1]
+
+
+def _usable_masks(
+    files: Mapping[str, Path], size: tuple[int, int]
+) -> tuple[dict[str, npt.NDArray[Any]], dict[str, str]]:
+    """The masks that can be used, and the reason for each of the others."""
+    masks: dict[str, npt.NDArray[Any]] = {}
+    unusable: dict[str, str] = {}
+    for name, file in files.items():
         try:
-            check_inside(path, [file])
-            mask = read_picture(file)[..., 0]
+            masks[name] = _read_mask(file, size)[..., 0]
         except LightFieldError as error:
             unusable[name] = str(error)
-            continue
-        if mask.shape == size:
-            masks[name] = mask > 0
-        else:
-            found, expected = (f"{shape[1]}x{shape[0]} px" for shape in (mask.shape, size))
-            unusable[name] = f"{file}: {found}; expected {expected}; replace it"
     return masks, unusable

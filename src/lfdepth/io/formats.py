@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lfdepth.errors import LightFieldError
-from lfdepth.io import benchmark, eslf, folder, hdf5, lytro, matlab, npy, quilt, tiff, zarr_store
+from lfdepth.io import benchmark, eslf, folder, hdf5, lytro, matlab, mosaic, npy, quilt, tiff, zarr_store
 from lfdepth.io.layout import Layout
 from lfdepth.io.source import ViewSource
 
@@ -47,6 +47,7 @@ FORMATS = {
         Format("hdf5", "HDF5 file", hdf5.recognise, hdf5.open_hdf5),
         Format("quilt", "quilt picture NAME_qsCxRaA.png", quilt.recognise, quilt.open_quilt),
         Format("eslf", "Lytro ESLF picture", eslf.recognise, eslf.open_eslf),
+        Format("mosaic", "views tiled in one picture", mosaic.recognise, mosaic.open_mosaic),
         Format("tiff", "multi-page TIFF", tiff.recognise, tiff.open_tiff),
     )
 }

@@ -21,8 +21,12 @@ from lfdepth.io.notes import KEY, Bundle
 from lfdepth.io.source import ViewSource
 from lfdepth.lightfield import LightField
 
-# The files give the focal length in pixels; any sensor size states the same camera.
+# The files do not tell the sensor's size; any one states the same camera.
 _NOMINAL_SENSOR_MM = 36.0
+# A focal length of so many picture widths is an angle of view of half a degree: then it counts pixels.
+_MOST_WIDTHS = 115.0
+# Cameras further apart than that are no light field.
+_MOST_BASELINE_M = 10.0
 
 
 def recognise(path: Path) -> bool:
@@ -35,8 +39,9 @@ def open_hdf5(path: Path, layout: Layout) -> ViewSource:
 
     Files of the older HCI benchmark (attributes `dH`, `focalLength` and `shift` beside `LF`) also give the
     camera and, from `GT_DEPTH` (V, U, H, W) in metres, the truth: ``disparity = dH · focalLength / depth -
-    shift``. Their columns of views run from right to left, and are reversed. Truth that is not finite is
-    left out.
+    shift``. Their columns of views run from right to left, and are reversed. Their focal length counts
+    picture widths, and dH is the baseline in metres times the picture's width in pixels; one beyond any
+    picture width counts pixels, and then dH is the baseline. A camera that cannot be is left out.
 
     Raises
     ------
@@ -47,7 +52,8 @@ def open_hdf5(path: Path, layout: Layout) -> ViewSource:
     try:
         with readable(path):
             arrays = datasets(file)
-            source = stack.open_arrays(arrays, file.attrs.get(KEY), path, layout, close=file.close)
+            text = file.attrs.get(KEY)
+            source = stack.open_arrays(arrays, text, path, layout, close=file.close, matlab=True)
             if "LF" in arrays and {"dH", "focalLength", "shift"} <= set(file.attrs):
                 return _older_benchmark(source, file, arrays)
             return source
@@ -116,6 +122,11 @@ def open_file(path: Path, extra: str) -> Any:
         return h5py.File(path, "r")
 
 
+def read_hdf5(path: Path) -> dict[str, Any]:
+    """The arrays of an HDF5 file, which are read when they are asked for."""
+    return datasets(open_file(path, "hdf5"))
+
+
 def datasets(file: Any) -> dict[str, Any]:
     """All arrays of numbers in an HDF5 file by their path in it.
 
@@ -153,24 +164,13 @@ def _check_dataset(item: Any, path: Path) -> None:
 
 
 def _older_benchmark(source: ViewSource, file: Any, arrays: dict[str, Any]) -> ViewSource:
-    baseline, focal_px, shift = (
-        float(np.ravel(file.attrs[key])[0]) for key in ("dH", "focalLength", "shift")
-    )
+    distance, focal, shift = (float(np.ravel(file.attrs[key])[0]) for key in ("dH", "focalLength", "shift"))
     v, u = source.grid
     height, width = source.read_view(v // 2, u // 2).shape[:2]
     truth = None
     if "GT_DEPTH" in arrays and arrays["GT_DEPTH"].shape == (v, u, height, width):
-        truth = _truth(arrays["GT_DEPTH"][v // 2, u - 1 - u // 2], baseline * focal_px, shift)
-    camera = None
-    if baseline > 0 and focal_px > 0 and shift >= 0:
-        camera = Camera(
-            focal_length_mm=focal_px * _NOMINAL_SENSOR_MM / max(width, height),
-            sensor_size_mm=_NOMINAL_SENSOR_MM,
-            baseline_mm=baseline * 1000,
-            focus_distance_m=baseline * focal_px / shift if shift else float("inf"),
-            width=width,
-            height=height,
-        )
+        truth = _truth(arrays["GT_DEPTH"][v // 2, u - 1 - u // 2], distance * focal, shift)
+    camera, remarks = _camera(distance, focal, shift, (width, height))
     read_part = source.read_part
     assert read_part is not None  # arrays have one
     return replace(
@@ -178,11 +178,37 @@ def _older_benchmark(source: ViewSource, file: Any, arrays: dict[str, Any]) -> V
         read_view=lambda row, column: source.read_view(row, u - 1 - column),
         read_part=lambda row, column, rows, columns: read_part(row, u - 1 - column, rows, columns),
         camera=camera,
-        truth=truth,
+        truth=truth if truth is not None else source.truth,
+        remarks=(*source.remarks, *remarks),
     )
 
 
+def _camera(
+    distance: float, focal: float, shift: float, size: tuple[int, int]
+) -> tuple[Camera | None, tuple[str, ...]]:
+    """Camera of views of a size (width, height), from `dH`, `focalLength` and `shift`; and remarks on it."""
+    width = size[0]
+    in_widths = focal <= _MOST_WIDTHS
+    baseline = distance / width if in_widths else distance
+    focal_px = focal * width if in_widths else focal
+    found = f"dH {distance:g}, focalLength {focal:g}, shift {shift:g}"
+    possible = focal > 0 and shift >= 0 and width / 20 < focal_px < _MOST_WIDTHS * width
+    if not (possible and 0 < baseline <= _MOST_BASELINE_M):
+        return None, (f"the file's camera ({found}) is none that there can be, and was left out: no metres",)
+    units = "picture widths and dH the baseline times them" if in_widths else "pixels and dH the baseline"
+    camera = Camera(
+        focal_length_mm=focal_px * _NOMINAL_SENSOR_MM / max(size),
+        sensor_size_mm=_NOMINAL_SENSOR_MM,
+        baseline_mm=baseline * 1000,
+        focus_distance_m=baseline * focal_px / shift if shift else float("inf"),
+        width=width,
+        height=size[1],
+    )
+    return camera, (f"camera by the file's {found}: focalLength counts {units}",)
+
+
 def _truth(depth: npt.NDArray[Any], scale: float, shift: float) -> npt.NDArray[np.float32] | None:
+    """Disparity from depth in metres, NaN or infinite where there is none; None if there is none at all."""
     with np.errstate(divide="ignore", invalid="ignore"):
         disparity = (scale / np.asarray(depth, np.float64) - shift).astype(np.float32)
-    return disparity if np.isfinite(disparity).all() else None
+    return disparity if np.isfinite(disparity).any() else None

@@ -109,7 +109,9 @@ def is_map(path: str | Path) -> bool:
     return True
 
 
-def read_disparity(path: str | Path, *, finite: bool = True) -> npt.NDArray[np.float32]:
+def read_disparity(
+    path: str | Path, *, finite: bool = True, variable: str | None = None
+) -> npt.NDArray[np.float32]:
     """Read a disparity map back.
 
     Parameters
@@ -119,6 +121,8 @@ def read_disparity(path: str | Path, *, finite: bool = True) -> npt.NDArray[np.f
         its scale beside it.
     finite : bool
         Refuse maps with NaN or infinite values.
+    variable : str, optional
+        Name of the array in NPZ, OpenEXR and Zarr; `disparity` if it is not given.
 
     Returns
     -------
@@ -130,9 +134,10 @@ def read_disparity(path: str | Path, *, finite: bool = True) -> npt.NDArray[np.f
     LightFieldError
         If the ending is unknown, the file is missing or damaged, or the map is not finite.
     """
+    name = variable or "disparity"
     path = Path(path)
     with unchanged(path):
-        return checked_map(_array(path, _read(path)["disparity"]), str(path), finite=finite)
+        return checked_map(_array(path, _read(path, name)[name]), str(path), finite=finite)
 
 
 def read_confidence(path: str | Path) -> npt.NDArray[np.float32] | None:
@@ -168,8 +173,7 @@ def read_record(path: str | Path) -> Record:
     """
     path = Path(path)
     with unchanged(path), readable(path):
-        found = _read(path)
-        return _record(path, found)
+        return _record(path, _read(path))
 
 
 def _record(path: Path, found: Mapping[str, Any]) -> Record:
@@ -201,19 +205,19 @@ def _check_scale_file(path: Path) -> None:
         )
 
 
-def _read(path: Path) -> Mapping[str, Any]:
-    """What a file holds, by name; `disparity` is among it."""
+def _read(path: Path, name: str = "disparity") -> Mapping[str, Any]:
+    """What a file holds, by name; the map of that name is among it."""
     check_ending(path, READABLE)
     if not path.exists():
         raise LightFieldError(f"{path}: no such file; expected a disparity map; check the path")
     check_file(path)
     ending = path.suffix.lower()
     if ending in _BARE:
-        return {"disparity": _BARE[ending](path)}
+        return {name: _BARE[ending](path)}
     found = _RICH[ending](path)
-    if "disparity" not in found:
+    if name not in found:
         raise LightFieldError(
-            f"{path}: holds {', '.join(found) or 'nothing'}; expected an array 'disparity' (OpenEXR: channel "
+            f"{path}: holds {', '.join(found) or 'nothing'}; expected an array {name!r} (OpenEXR: channel "
             "Y); save the map under that name"
         )
     return found

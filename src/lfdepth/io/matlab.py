@@ -43,14 +43,7 @@ def open_mat(path: Path, layout: Layout) -> ViewSource:
 
 
 def _open_5(path: Path, layout: Layout) -> ViewSource:
-    scipy_io = need("scipy.io", "mat", path)
-    try:
-        check_mat5(path)
-        variables = scipy_io.loadmat(path, simplify_cells=True)
-    except LightFieldError:
-        raise
-    except Exception as error:  # SciPy lets struct.error, zlib.error, TypeError and others through
-        raise stack.unreadable(path, error) from None
+    variables = _variables(path)
     text = variables.get(KEY)
     arrays = _numbers(variables)
     notes = parse_notes(text, f"{path}: {KEY}")
@@ -59,6 +52,31 @@ def _open_5(path: Path, layout: Layout) -> ViewSource:
         if "LF" in arrays and arrays["LF"].size == prod(notes.shape):
             arrays["LF"] = arrays["LF"].reshape(notes.shape)
     return stack.open_arrays(arrays, text, path, layout, channels=3)
+
+
+def read_mat(path: Path) -> dict[str, Any]:
+    """The numeric arrays of a MATLAB file by name.
+
+    Raises
+    ------
+    LightFieldError
+        If SciPy or h5py is not installed, or the file is damaged.
+    """
+    if signature.starts_with(path, signature.MATLAB_7_3):
+        return {name: _Reversed(array) for name, array in hdf5.datasets(hdf5.open_file(path, "mat")).items()}
+    return dict(_numbers(_variables(path)))
+
+
+def _variables(path: Path) -> dict[str, Any]:
+    scipy_io = need("scipy.io", "mat", path)
+    try:
+        check_mat5(path)
+        variables: dict[str, Any] = scipy_io.loadmat(path, simplify_cells=True)
+    except LightFieldError:
+        raise
+    except Exception as error:  # SciPy lets struct.error, zlib.error, TypeError and others through
+        raise stack.unreadable(path, error) from None
+    return variables
 
 
 def _open_7_3(path: Path, layout: Layout) -> ViewSource:
@@ -104,8 +122,9 @@ class _Reversed:
     def dtype(self) -> Any:
         return self._array.dtype
 
-    def __getitem__(self, index: tuple[Any, ...], /) -> npt.NDArray[Any]:
-        return np.asarray(self._array[index[::-1]]).T
+    def __getitem__(self, index: Any, /) -> npt.NDArray[Any]:
+        reverse = index[::-1] if isinstance(index, tuple) else index
+        return np.asarray(self._array[reverse]).T
 
 
 def _numbers(variables: dict[str, Any]) -> dict[str, npt.NDArray[Any]]:

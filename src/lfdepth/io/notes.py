@@ -43,14 +43,18 @@ class Notes:
     ----------
     shape
         (V, U, H, W, C), the order of axes of the array that the samples are in.
-    present, disparity_range, camera
+    present, disparity_range, camera, positions
         As in `LightField`.
+    white
+        Value of white among the samples, for types that many files fill only in part.
     """
 
     shape: tuple[int, int, int, int, int]
     present: npt.NDArray[np.bool_] | None = None
     disparity_range: tuple[float, float] | None = None
     camera: Camera | None = None
+    positions: npt.NDArray[np.float64] | None = None
+    white: float | None = None
 
     def text(self) -> str:
         """The same as JSON; an infinite focus distance is null there."""
@@ -61,6 +65,10 @@ class Notes:
             known["disparity_range"] = list(self.disparity_range)
         if self.camera is not None:
             known["camera"] = {key: _finite(value) for key, value in asdict(self.camera).items()}
+        if self.positions is not None:
+            known["positions"] = self.positions.tolist()
+        if self.white is not None:
+            known["white"] = self.white
         return json.dumps(known, indent=2, allow_nan=False) + "\n"
 
     def annotate(self, source: ViewSource, maps: Mapping[str, Any] | None = None) -> ViewSource:
@@ -81,6 +89,8 @@ class Notes:
             present=self.present,
             disparity_range=self.disparity_range,
             camera=self.camera,
+            positions=self._absolute(),
+            white=source.white if self.white is None else self.white,
             truth=truth,
             masks={
                 name.removeprefix(MASK): _map(values, size, f"{source.name}: {name}") != 0
@@ -88,6 +98,12 @@ class Notes:
                 if name.startswith(MASK)
             },
         )
+
+    def _absolute(self) -> npt.NDArray[np.float64] | None:
+        """Where cameras stand, in view steps from the first one's place."""
+        if self.positions is None:
+            return None
+        return self.positions + np.moveaxis(np.indices(self.shape[:2]), 0, -1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +125,8 @@ class Bundle:
 
 def notes_of(lf: LightField) -> Notes:
     """The notes of a light field."""
-    return Notes(lf.shape, lf.present, lf.disparity_range, lf.camera)
+    white = lf.full_scale if lf.views.dtype == np.uint16 else None
+    return Notes(lf.shape, lf.present, lf.disparity_range, lf.camera, lf.positions, white)
 
 
 def parse_notes(text: object, what: str) -> Notes | None:
@@ -127,11 +144,20 @@ def parse_notes(text: object, what: str) -> Notes | None:
     if not (isinstance(known, dict) and known.get(KEY) == _FORMAT):
         return None
     try:
-        notes = Notes(_shape(known["shape"]), _present(known), _range(known), _camera(known))
+        notes = Notes(
+            _shape(known["shape"]),
+            _present(known),
+            _range(known),
+            _camera(known),
+            _positions(known),
+            None if known.get("white") is None else float(known["white"]),
+        )
         if notes.disparity_range is not None:
             check_range(notes.disparity_range, "disparity_range")
         if notes.present is not None and notes.present.shape != notes.shape[:2]:
             raise ValueError(f"present is {notes.present.shape}")
+        if notes.positions is not None and notes.positions.shape != (*notes.shape[:2], 2):
+            raise ValueError(f"positions are {notes.positions.shape}")
     except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise LightFieldError(
             f"{what}: garbled ({' '.join(str(error).split())[:100]}); expected shape, present, "
@@ -163,7 +189,7 @@ def _map(values: Any, size: tuple[int, ...], what: str) -> npt.NDArray[np.float3
         )
     with readable(what):
         array = np.asarray(values[...])
-    return checked_map(array.reshape(size), what)
+    return checked_map(array.reshape(size), what, finite=False)
 
 
 def _shape(known: list[int]) -> tuple[int, int, int, int, int]:
@@ -176,6 +202,11 @@ def _shape(known: list[int]) -> tuple[int, int, int, int, int]:
 def _present(known: dict[str, Any]) -> npt.NDArray[np.bool_] | None:
     rows = known.get("present")
     return None if rows is None else np.array([[there == "1" for there in row] for row in rows], np.bool_)
+
+
+def _positions(known: dict[str, Any]) -> npt.NDArray[np.float64] | None:
+    offsets = known.get("positions")
+    return None if offsets is None else np.array(offsets, np.float64)
 
 
 def _range(known: dict[str, Any]) -> tuple[float, float] | None:

@@ -14,8 +14,9 @@ import numpy.typing as npt
 from lfdepth.errors import LightFieldError
 from lfdepth.io.atomic import atomic
 from lfdepth.io.limits import read_text
-from lfdepth.io.picture import read_picture, write_picture
-from lfdepth.io.png_text import text_in
+from lfdepth.io.picture import read_picture
+from lfdepth.io.pixels import encode_png
+from lfdepth.io.png_text import text_in, with_text
 from lfdepth.io.record import Record, checked_map
 
 _WHITE = 65535
@@ -34,7 +35,7 @@ def write_png(path: Path, record: Record) -> None:
     samples = np.rint((record.values.astype(np.float64) - low) / scale).astype(np.uint16)
     header = {"quantity": record.quantity, "unit": record.unit, "scale": scale, "offset": low}
     with atomic(path) as picture:
-        write_picture(picture, samples[..., None], text=json.dumps(header))
+        picture.write_bytes(with_text(encode_png(samples), json.dumps(header)))
         with atomic(scale_file(path)) as sidecar:
             beside = {**header, _SAMPLES: _checksum(samples)}
             sidecar.write_text(json.dumps(beside, indent=2) + "\n", encoding="utf-8")

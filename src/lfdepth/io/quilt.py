@@ -13,7 +13,7 @@ from lfdepth.errors import LightFieldError
 from lfdepth.io.atomic import atomic
 from lfdepth.io.layout import Layout
 from lfdepth.io.notes import KEY, beside, notes_of, parse_notes, read_notes
-from lfdepth.io.picture import ENDINGS, read_picture, write_picture
+from lfdepth.io.picture import ENDINGS, read_picture, stated_white, write_picture
 from lfdepth.io.png_text import text_in
 from lfdepth.io.source import ViewSource
 from lfdepth.lightfield import LightField
@@ -30,12 +30,15 @@ def open_quilt(path: Path, layout: Layout) -> ViewSource:
     """Open a quilt of C columns and R rows of tiles.
 
     Its tiles are one row of C·R views: the bottom left tile is the leftmost view, the next ones follow to the
-    right and then upwards. C and R come from the name, or from a grid given as (R, C).
+    right and then upwards. C and R come from the name, or from a grid given as (R, C). Where the picture's
+    size is no multiple of them, tiles are as large as whole pixels allow. They then lie side by side from the
+    bottom left corner, as displays take them, or from the top left one, if the strip that is left over at the
+    edge is of one colour; else each starts at the pixel next to its share of the picture.
 
     Raises
     ------
     LightFieldError
-        If neither name nor grid says how many tiles there are, or the picture does not divide into them.
+        If neither name nor grid says how many tiles there are, or the picture has not a pixel for each.
     """
     named = _NAME.fullmatch(path.stem)
     tiles = layout.grid or (named and (int(named[2]), int(named[1])))
@@ -48,26 +51,56 @@ def open_quilt(path: Path, layout: Layout) -> ViewSource:
     rows, columns = tiles
     picture = read_picture(path)
     height, width = picture.shape[0] // rows, picture.shape[1] // columns
-    if picture.shape[:2] != (height * rows, width * columns):
+    if 0 in (height, width):
         raise LightFieldError(
-            f"{path}: {picture.shape[1]}x{picture.shape[0]} px; expected multiples of {columns}x{rows} "
-            "tiles; "
-            "correct the name or the grid"
+            f"{path}: {picture.shape[1]}x{picture.shape[0]} px; expected a pixel at least for each of "
+            f"{columns}x{rows} tiles; correct the name or the grid"
         )
+    tops, where = _starts(picture, 0, rows)
+    lefts, _ = _starts(picture, 1, columns)
 
     def read_view(_: int, u: int) -> npt.NDArray[Any]:
-        row, column = rows - 1 - u // columns, u % columns
-        return picture[row * height : (row + 1) * height, column * width : (column + 1) * width]
+        top, left = tops[rows - 1 - u // columns], lefts[u % columns]
+        return picture[top : top + height, left : left + width]
 
+    exact = picture.shape[:2] == (height * rows, width * columns)
+    remark = f"{picture.shape[1]}x{picture.shape[0]} px are no multiple of {columns}x{rows} tiles: {where}"
     source = ViewSource(
         grid=(1, rows * columns),
         read_view=read_view,
         describe=lambda _, u: f"{path}: view {u}",
+        white=stated_white(path),
+        remarks=() if exact else (remark,),
         name=path.stem,
     )
     text = text_in(path)
     notes = read_notes(beside(path)) if text is None else parse_notes(text, f"{path}: {KEY}")
     return source if notes is None else notes.annotate(source)
+
+
+def _starts(picture: npt.NDArray[Any], axis: int, count: int) -> tuple[list[int], str]:
+    """Where each of `count` tiles starts, from the top (axis 0) or the left (axis 1), and why there."""
+    length = picture.shape[axis] // count
+    left_over = picture.shape[axis] - count * length
+    from_start = [i * length for i in range(count)]
+    strips = (picture[:left_over], picture[picture.shape[0] - left_over :])
+    if axis == 1:  # views go from the left, and what is left over is at the right
+        strips = (picture[:, :0], picture[:, picture.shape[1] - left_over :])
+    if left_over == 0 or (axis == 1 and _plain(strips[1])):
+        return from_start, "tiles lie side by side"
+    if axis == 0 and _plain(strips[0]):
+        return [left_over + start for start in from_start], "tiles lie side by side from the bottom"
+    if axis == 0 and _plain(strips[1]):
+        return from_start, "tiles lie side by side from the top"
+    shares = [round(i * picture.shape[axis] / count) for i in range(count)]
+    return [
+        min(start, picture.shape[axis] - length) for start in shares
+    ], "each was cut at the nearest pixels"
+
+
+def _plain(strip: npt.NDArray[Any]) -> bool:
+    """Whether a strip of a picture has a single colour."""
+    return bool((strip == strip[:1, :1]).all())
 
 
 def write_quilt(path: Path, lf: LightField) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+EXR = b"\x76\x2f\x31\x01"
 HDF5 = b"\x89HDF\r\n\x1a\n"
 LYTRO = b"\x89LFP\r\n\x1a\n"
 MATLAB_5 = b"MATLAB 5.0 MAT-file"

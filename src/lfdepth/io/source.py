@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +13,9 @@ import numpy.typing as npt
 
 from lfdepth.camera import Camera, CameraOptions
 from lfdepth.errors import LightFieldError
+from lfdepth.io.positions import off_the_grid, read_positions
 from lfdepth.io.scaling import scale_nearest, scale_view, scaled_size
+from lfdepth.io.white import apply_white, find_white, lift_undershoot
 from lfdepth.lightfield import LightField, angular_window, check_window
 
 # Decoders release the GIL, but every thread holds one decoded view.
@@ -40,8 +43,12 @@ class ViewSource:
         How many views (V, U) around the reference view are read unless the caller says otherwise.
     close : callable
         Called when all views are read.
-    unusable : mapping of str to str
-        Masks that are damaged or not of the views' size, with the reason.
+    white : float, optional
+        Value of white, where the file states it.
+    positions : ndarray, shape (V, U, 2), optional
+        Where the cameras stand, in any unit and either order of the two coordinates; NaN for absent views.
+    remarks : tuple of str
+        What the reader found out or left out, a sentence each.
     camera, disparity_range, truth, masks, name
         As in `LightField`; truth and masks are those of the view (V // 2, U // 2).
     """
@@ -53,11 +60,13 @@ class ViewSource:
     default_views: tuple[int, int] | None = None
     close: Callable[[], None] = lambda: None
     read_part: Callable[[int, int, slice, slice], npt.NDArray[Any]] | None = None
+    white: float | None = None
+    positions: npt.NDArray[np.float64] | None = None
+    remarks: tuple[str, ...] = ()
     camera: Camera | None = None
     disparity_range: tuple[float, float] | None = None
     truth: npt.NDArray[np.float32] | None = None
     masks: Mapping[str, npt.NDArray[np.bool_]] = field(default_factory=dict)
-    unusable: Mapping[str, str] = field(default_factory=dict)
     name: str = "light field"
 
 
@@ -75,6 +84,14 @@ class Selection:
         Factor in (0, 1] by which views shrink after cropping; disparity shrinks with them.
     transpose, flip_v, flip_u : bool
         Reorder the grid: swap its rows and columns, then reverse its rows, its columns.
+    serpentine : bool
+        Every second row of the grid as it is stored runs back; this comes before the reordering.
+    white_level : float, optional
+        Value of white in the file, over what the file and its samples say.
+    positions : Path, optional
+        Table of camera positions, over what the file says.
+    truth : ndarray, shape (H, W), optional
+        Disparity of the reference view that is read, of the size of whole views, over what the file says.
     camera : CameraOptions
         Values that replace those of the file.
     """
@@ -85,6 +102,10 @@ class Selection:
     transpose: bool = False
     flip_v: bool = False
     flip_u: bool = False
+    serpentine: bool = False
+    white_level: float | None = None
+    positions: Path | None = None
+    truth: npt.NDArray[np.float32] | None = None
     camera: CameraOptions = field(default_factory=CameraOptions)
 
 
@@ -122,13 +143,17 @@ def _assemble(source: ViewSource, selection: Selection) -> LightField:
     window = _Window.of(whole, selection, source.name)
     first = window.view(whole)
     views = np.zeros((*stored.shape, *first.shape), dtype=first.dtype)
+    peaks = np.zeros(stored.shape)
+    peaks[stored.shape[0] // 2, stored.shape[1] // 2] = whole.max(initial=0)
 
     def load(index: tuple[int, ...]) -> None:
         if present is not None and not present[index]:
             return
         at = divmod(int(stored[index]), source.grid[1])
         if source.read_part is not None:
-            views[index] = scale_view(source.read_part(*at, *window.slices), window.scale)
+            part = source.read_part(*at, *window.slices)
+            peaks[index] = max(peaks[index], part.max(initial=0))
+            views[index] = scale_view(part, window.scale)
             return
         view = source.read_view(*at)
         if view.shape != whole.shape or view.dtype != whole.dtype:
@@ -136,26 +161,81 @@ def _assemble(source: ViewSource, selection: Selection) -> LightField:
                 f"{source.describe(*at)}: view is {_kind(view)} but {source.describe(*reference)} is "
                 f"{_kind(whole)}; expected views of one size and kind; convert the odd ones"
             )
+        peaks[index] = view.max(initial=0)
         views[index] = window.view(view)
 
     with ThreadPoolExecutor(_THREADS) as pool:
         list(pool.map(load, np.ndindex(*stored.shape)))
+    white, remarks = _to_full_scale(views, whole, float(peaks.max()), source, selection)
     # Reordering an even grid moves the reference view, and the truth is that of the old one.
     same_reference = reference == (source.grid[0] // 2, source.grid[1] // 2)
+    truth = _checked_truth(selection.truth, whole, source.name)
+    if truth is None and same_reference:
+        truth = source.truth
     return LightField(
         views=views,
         camera=window.camera(selection.camera.apply(source.camera, whole.shape[1], whole.shape[0])),
         disparity_range=window.disparity_range(source.disparity_range),
-        truth=window.disparity(source.truth) if same_reference and source.truth is not None else None,
+        truth=None if truth is None else window.disparity(truth),
         masks={key: window.map(mask) for key, mask in source.masks.items()} if same_reference else {},
         present=None if present is None or present.all() else present,
+        positions=_positions(source, selection, stored, present),
+        white_level=white,
+        remarks=(*source.remarks, *remarks),
         name=source.name,
     )
+
+
+def _to_full_scale(
+    views: npt.NDArray[Any],
+    whole: npt.NDArray[Any],
+    peak: float,
+    source: ViewSource,
+    selection: Selection,
+) -> tuple[float | None, list[str]]:
+    """Scale samples that fill only part of their type in place; white in the file, and remarks on it."""
+    remarks = []
+    white, where = find_white(whole, peak, source.white, selection.white_level, source.name)
+    if white is not None:
+        clipped = apply_white(views, white)
+        brighter = f"; {clipped:.2g} of the samples are brighter and were clipped" if clipped else ""
+        remarks.append(f"white level {white:g} ({where}): samples were scaled to the full range{brighter}")
+    if negative := lift_undershoot(views):
+        remarks.append(f"{negative:.2g} of the samples are below 0 and were set to 0")
+    return white, remarks
+
+
+def _checked_truth(
+    truth: npt.NDArray[np.float32] | None, whole: npt.NDArray[Any], what: str
+) -> npt.NDArray[np.float32] | None:
+    if truth is not None and truth.shape != whole.shape[:2]:
+        raise LightFieldError(
+            f"{what}: truth is {truth.shape[1]}x{truth.shape[0]} px; expected "
+            f"{whole.shape[1]}x{whole.shape[0]} "
+            "px, the size of whole views; give that of this scene"
+        )
+    return truth
+
+
+def _positions(
+    source: ViewSource,
+    selection: Selection,
+    stored: npt.NDArray[np.intp],
+    present: npt.NDArray[np.bool_] | None,
+) -> npt.NDArray[np.float64] | None:
+    table = selection.positions
+    positions = source.positions if table is None else read_positions(table, source.grid)
+    if positions is None:
+        return None
+    what = source.name if table is None else str(table)
+    return off_the_grid(positions.reshape(-1, 2)[stored], present, what)
 
 
 def _stored_positions(source: ViewSource, selection: Selection) -> npt.NDArray[np.intp]:
     """Row-major position in the file of each selected view, shape (V, U)."""
     stored = np.arange(source.grid[0] * source.grid[1]).reshape(source.grid)
+    if selection.serpentine:
+        stored[1::2] = stored[1::2, ::-1].copy()
     wanted = selection.views or source.default_views
     if selection.transpose:
         stored = stored.T

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
+from dataclasses import replace
+from math import isqrt
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -10,21 +13,34 @@ import numpy as np
 import numpy.typing as npt
 
 from lfdepth.errors import LightFieldError
+from lfdepth.io.alpha import without_alpha
 from lfdepth.io.layout import Layout, size
 from lfdepth.io.limits import readable
 from lfdepth.io.limits import unreadable as unreadable
 from lfdepth.io.notes import KEY, Notes, parse_notes
+from lfdepth.io.record import checked_map
 from lfdepth.io.source import ViewSource
 
 # What light field arrays are called, the likeliest first.
 NAMES = ("LF", "lf", "views", "light_field", "lightfield", "lightField", "LightField")
 
-# N is a running number of views. The first layout that fits is taken.
+# N is a running number of views. The first layout that fits is taken. The axes of MATLAB's arrays come out in
+# reverse in other programs: colours first and the grid last.
 _LAYOUTS = {
-    5: ("VUHWC", "VUCHW", "HWCVU", "HWVUC"),
-    4: ("NHWC", "NCHW", "VUHW", "HWVU"),
+    5: ("VUHWC", "VUCHW", "HWCVU", "HWVUC", "CWHUV", "CVUHW"),
+    4: ("NHWC", "NCHW", "HWCN", "VUHW", "HWVU", "CWHN"),
     3: ("NHW", "HWN"),
 }
+# Where MATLAB may have written the file: the same lengths, read as MATLAB's.
+_REVERSED = {"HWVU": "WHUV", "HWN": "WHN"}
+_ALPHA = 4
+# Pictures are at most so many times longer than wide, where that decides.
+_SLIMMEST = 4
+
+# What the truth is called in others' files, and nothing after it but where and of what.
+_TRUTH = re.compile(
+    r"(gt_?|ground_?truth_?)?disp(arity)?(_(gt|lowres|all|center|centre|central))*|truth|gt", re.I
+)
 
 
 class Array(Protocol):
@@ -50,9 +66,10 @@ def choose_array(shapes: Mapping[str, tuple[int, ...]], path: Path) -> str:
     LightFieldError
         If there is none, or several.
     """
-    stacks = [name for name, shape in shapes.items() if len(shape) in _LAYOUTS]
-    named = [name for name in NAMES if name in stacks]
-    candidates = named[:1] or [name for name in stacks if len(shapes[name]) > 3] or stacks
+    stacks = [name for name, shape in shapes.items() if len(shape) in _LAYOUTS and not is_truth(name)]
+    named = [name for own in NAMES for name in stacks if _last(name) == own]
+    same = [name for name in named if _last(name) == _last(named[0])]
+    candidates = same or [name for name in stacks if len(shapes[name]) > 3] or stacks
     if len(candidates) == 1:
         return candidates[0]
     found = ", ".join(f"{name} {shape}" for name, shape in list(shapes.items())[:8]) or "no arrays"
@@ -66,6 +83,8 @@ def open_arrays(
     layout: Layout,
     close: Callable[[], None] = lambda: None,
     channels: int | None = None,
+    *,
+    matlab: bool = False,
 ) -> ViewSource:
     """The light field among the named arrays of a file, with what the file's notes say of it.
 
@@ -75,8 +94,13 @@ def open_arrays(
         Arrays by name.
     text : object
         What the file has under the name `notes.KEY`; None if nothing.
-    path, layout, close, channels
+    path, layout, close, channels, matlab
         As for `open_stack`.
+
+    Returns
+    -------
+    ViewSource
+        With the truth of the reference view, where an array is called so and has its size.
 
     Raises
     ------
@@ -85,8 +109,12 @@ def open_arrays(
     """
     notes = None if text is None else parse_notes(text, f"{path}: {KEY}")
     name = choose_array({name: array.shape for name, array in arrays.items()}, path)
-    source = open_stack(arrays[name], path, layout, close, channels, notes)
-    return source if notes is None else notes.annotate(source, arrays)
+    source = open_stack(arrays[name], path, layout, close, channels, notes, matlab=matlab)
+    if notes is not None:
+        return notes.annotate(source, arrays)
+    axes = _order_of(arrays[name].shape, layout, channels, matlab)
+    assert axes is not None  # or it could not have been opened
+    return _with_truth(source, arrays, name, axes)
 
 
 def open_stack(
@@ -96,6 +124,8 @@ def open_stack(
     close: Callable[[], None] = lambda: None,
     channels: int | None = None,
     notes: Notes | None = None,
+    *,
+    matlab: bool = False,
 ) -> ViewSource:
     """Views of an array.
 
@@ -111,9 +141,12 @@ def open_stack(
     close : callable
         Called when all views are read.
     channels : int, optional
-        Channels of the array that are read, if it has more.
+        Channels of the array that are read, if it has more. Otherwise, a fourth one has to be alpha that is
+        opaque.
     notes : Notes, optional
         What is known of the array; else the order of its axes is found out by their lengths.
+    matlab : bool
+        Whether MATLAB, whose axes run in reverse, may have written the file, where lengths do not tell.
 
     Raises
     ------
@@ -123,11 +156,13 @@ def open_stack(
     """
     if notes is not None:
         _check_notes(array.shape, notes, path)
-    axes = "VUHWC" if notes else _axes(array.shape, (1, 3) if channels is None else (1, 3, channels + 1))
+    axes = "VUHWC" if notes else _order_of(array.shape, layout, channels, matlab)
     if axes is None:
         raise LightFieldError(
-            f"{path}: array of shape {array.shape}; expected (V, U, H, W, C) with C = 1 or 3; reorder the "
-            "axes"
+            f"{path}: array of shape {array.shape}; expected (V, U, H, W, C) with C = 1 or 3"
+            f"{'' if layout.axes is None else f', or what {layout.axes} says'}; reorder the axes, or "
+            "say what "
+            "they are (--axes, such as WHUVC)"
         )
     _check_samples(array.dtype, path)
     lengths = dict(zip(axes, array.shape, strict=True))
@@ -143,7 +178,8 @@ def open_stack(
         at = {"N": v * grid[1] + u, "V": v, "U": u, "H": rows, "W": columns}
         with readable(path):
             view = np.asarray(array[tuple(at.get(axis, slice(None)) for axis in axes)])
-        return _as_samples(_as_hwc(view, axes)[..., :channels])
+        samples = _as_samples(_as_hwc(view, axes)[..., :channels])
+        return without_alpha(samples, f"{path}: view ({v}, {u})") if samples.shape[2] == _ALPHA else samples
 
     return ViewSource(
         grid=grid,
@@ -151,6 +187,7 @@ def open_stack(
         read_part=read_part,
         describe=lambda v, u: f"{path}: view ({v}, {u})",
         close=close,
+        remarks=() if notes or axes == _LAYOUTS[len(axes)][0] or axes == "VUHW" else (_order_remark(axes),),
         name=path.stem,
     )
 
@@ -163,19 +200,85 @@ def _check_notes(shape: tuple[int, ...], notes: Notes, path: Path) -> None:
         )
 
 
-def _axes(shape: tuple[int, ...], colours: tuple[int, ...]) -> str | None:
-    """First layout whose colours are colours and whose views are larger than their grid."""
-    fitting = [axes for axes in _LAYOUTS.get(len(shape), ()) if _fits(axes, shape, colours)]
-    return next((axes for axes in fitting if _is_likely(axes, shape)), fitting[0] if fitting else None)
+def _order_of(shape: tuple[int, ...], layout: Layout, channels: int | None, matlab: bool) -> str | None:
+    """The order of axes: as the caller says, else by the lengths; None if none fits.
+
+    Of the layouts whose colours are colours, the first whose views are larger than their grid; four channels
+    count as colours, with alpha, only where nothing else does.
+    """
+    rounds = [(1, 3), (1, 3, _ALPHA)] if channels is None else [(1, 3, channels + 1)]
+    if layout.axes is not None:
+        fits = len(layout.axes) == len(shape) and _fits(layout.axes, shape, rounds[-1])
+        return layout.axes if fits else None
+    known = _LAYOUTS.get(len(shape), ())
+    for colours in rounds:
+        for axes in known:
+            if _fits(axes, shape, colours) and _is_likely(axes, shape, layout):
+                return _by_matlab(axes, shape) if matlab and axes in _REVERSED else axes
+    return next((axes for axes in known if axes[0] != "C" and _fits(axes, shape, rounds[-1])), None)
+
+
+def _by_matlab(axes: str, shape: tuple[int, ...]) -> str:
+    """Whether MATLAB wrote pixels before the grid: then x comes before y, and pictures are rarely upright."""
+    return axes if shape[0] < shape[1] else _REVERSED[axes]
 
 
 def _fits(axes: str, shape: tuple[int, ...], colours: tuple[int, ...]) -> bool:
     return "C" not in axes or shape[axes.index("C")] in colours
 
 
-def _is_likely(axes: str, shape: tuple[int, ...]) -> bool:
+def _is_likely(axes: str, shape: tuple[int, ...], layout: Layout) -> bool:
     pixels = min(shape[axes.index(axis)] for axis in "HW")
-    return "N" in axes or max(shape[axes.index(axis)] for axis in "VU") < pixels
+    if "N" not in axes:
+        return max(shape[axes.index(axis)] for axis in "VU") < pixels
+    if "C" not in axes:
+        return True
+    count = shape[axes.index("N")]
+    squares = layout.grid is None and isqrt(count) ** 2 == count
+    longest = max(shape[axes.index(axis)] for axis in "HW")
+    # Three rows and views that would be a few pixels wide: rather a grid of grey views.
+    return (
+        longest <= _SLIMMEST * pixels
+        and pixels > _ALPHA
+        and (squares or (layout.grid is not None and layout.grid[0] * layout.grid[1] == count))
+    )
+
+
+def _order_remark(axes: str) -> str:
+    return (
+        f"axes of the array taken for ({', '.join(axes)}), by their lengths; if the picture lies on its "
+        "side, "
+        f"say --axes {axes.translate(str.maketrans('HWVU', 'WHUV'))}"
+    )
+
+
+def is_truth(name: str) -> bool:
+    """Whether an array is called as the truth usually is."""
+    return _TRUTH.fullmatch(_last(name)) is not None
+
+
+def _last(name: str) -> str:
+    """The name of an array in a group."""
+    return name.rpartition("/")[2]
+
+
+def _with_truth(source: ViewSource, arrays: Mapping[str, Array], name: str, axes: str) -> ViewSource:
+    """The same with the truth that lies beside the light field, in the same group or outside of any."""
+    group = name.rpartition("/")[0]
+    lengths = dict(zip(axes, arrays[name].shape, strict=True))
+    for other, array in arrays.items():
+        if not is_truth(other) or other.rpartition("/")[0] not in (group, "") or array.dtype.kind != "f":
+            continue
+        for order in (axes.replace("C", ""), "".join(axis for axis in axes if axis in "HW")):
+            if array.shape == tuple(lengths[axis] for axis in order):
+                v, u = source.grid
+                at = {"V": v // 2, "U": u // 2, "N": v // 2 * u + u // 2}
+                values = np.asarray(array[tuple(at.get(axis, slice(None)) for axis in order)])
+                upright = values if order.index("H") < order.index("W") else values.T
+                truth = checked_map(np.ascontiguousarray(upright), f"{source.name}: {other}", finite=False)
+                remark = f"truth taken from {other}"
+                return replace(source, truth=truth, remarks=(*source.remarks, remark))
+    return source
 
 
 def _as_hwc(view: npt.NDArray[Any], axes: str) -> npt.NDArray[Any]:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import re
+from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -12,13 +15,15 @@ import numpy.typing as npt
 
 from lfdepth.errors import LightFieldError
 from lfdepth.io import signature, stack
+from lfdepth.io.alpha import without_alpha
 from lfdepth.io.atomic import atomic
 from lfdepth.io.extras import need_tifffile
 from lfdepth.io.layout import Layout
 from lfdepth.io.notes import KEY, Notes, notes_of, parse_notes
-from lfdepth.io.picture import check_page, decode_page
+from lfdepth.io.picture import check_page, decode_page, white_of_page
 from lfdepth.io.record import Record
 from lfdepth.io.source import ViewSource
+from lfdepth.io.white import white_of_bits
 from lfdepth.lightfield import LightField
 
 
@@ -28,20 +33,21 @@ def recognise(path: Path) -> bool:
 
 
 def open_tiff(path: Path, layout: Layout) -> ViewSource:
-    """Open a TIFF with a page for each view, row by row.
+    """Open a TIFF with a page for each view, row by row, or for each colour of a view.
 
     The grid is that of the file's notes, else the one asked for, else what the file says of its axes, else a
-    square.
+    square. ImageJ's hyperstacks and OME-TIFF, which say what their axes are, may store colours as grey pages.
 
     Raises
     ------
     LightFieldError
-        If tifffile is not installed, the file is truncated, or has a single page.
+        If tifffile is not installed, the file is truncated, has a single page, or channels that are no
+        colours.
     """
     tifffile = need_tifffile(path)
     try:
         file = tifffile.TiffFile(path, _multifile=False)  # what other files hold is not asked for
-        count, axes = len(file.pages), tuple(file.series[0].shape)
+        stored = _Stored.of(file)
         description = str(file.pages[0].description)
     except Exception as error:  # tifffile raises many kinds on damaged files
         raise stack.unreadable(path, error) from None
@@ -50,31 +56,35 @@ def open_tiff(path: Path, layout: Layout) -> ViewSource:
     def read_view(v: int, u: int) -> npt.NDArray[Any]:
         try:
             with lock:
-                pixels, mode = decode_page(file.pages[v * grid[1] + u])
+                decoded = [stored.page(each) for each in stored.pages_of(v * grid[1] + u)]
         except LightFieldError:  # a ValueError, too
             raise
         except Exception as error:
             raise stack.unreadable(path, error) from error
-        if mode not in ("L", "RGB"):
-            raise LightFieldError(f"{path}: page of {mode}; expected grey or RGB pages; convert them")
-        return pixels if pixels.ndim == 3 else pixels[..., None]
+        if wrong := next((mode for _, mode in decoded if mode not in ("L", "RGB", "LA", "RGBA")), None):
+            raise LightFieldError(f"{path}: page of {wrong}; expected grey or RGB pages; convert them")
+        views = [pixels if pixels.ndim == 3 else pixels[..., None] for pixels, _ in decoded]
+        view = views[0] if len(views) == 1 else np.concatenate(views, axis=-1)
+        return without_alpha(view, f"{path}: page {v * grid[1] + u}") if view.shape[2] in (2, 4) else view
 
     try:
-        if count < 2:
+        if stored.pages < 2:
             raise LightFieldError(
                 f"{path}: a single page; expected a page for each view; copy it again if there were more, "
-                "or if it is an ESLF picture or a "
-                "quilt, say so "
-                "(format)"
+                "or if it is an ESLF picture, a quilt or a mosaic of views, say so (format)"
+            )
+        if stored.colours not in (1, 3):
+            raise LightFieldError(
+                f"{path}: {stored.colours} channels; expected grey views, or red, green and blue; keep "
+                "one of "
+                "the channels"
             )
         notes = _notes_in(description, path)
-        if notes is not None:
-            axes = notes.shape
-        shaped = len(axes) > 3 and axes[0] * axes[1] == count
+        axes = stored.axes if notes is None else notes.shape[:2]
         grid = (
             (axes[0], axes[1])
-            if shaped and not layout.grid
-            else Layout(layout.grid).of_count(count, str(path))
+            if len(axes) == 2 and axes[0] * axes[1] == stored.views and not layout.grid
+            else Layout(layout.grid).of_count(stored.views, str(path))
         )
     except BaseException:
         file.close()
@@ -84,9 +94,98 @@ def open_tiff(path: Path, layout: Layout) -> ViewSource:
         read_view=read_view,
         describe=lambda v, u: f"{path}: page {v * grid[1] + u}",
         close=file.close,
+        white=stored.white,
         name=path.stem,
     )
     return source if notes is None else notes.annotate(source)
+
+
+@dataclass(frozen=True, eq=False)
+class _Stored:
+    """How the pages of a TIFF make up views.
+
+    Attributes
+    ----------
+    series
+        What has the pages: tifffile's description of the first image in the file, or the file.
+    pages
+        How many planes of pixels there are.
+    colours
+        Pages for each view.
+    axes
+        Lengths of the axes of views, without colours.
+    apart
+        Distance between the pages of a view's colours.
+    white
+        Value of white that the file states.
+    planes
+        All pixels, (pages, ...), where the file describes one page and leaves all others right behind it, as
+        ImageJ does with large stacks.
+    """
+
+    series: Any
+    pages: int
+    colours: int
+    axes: tuple[int, ...]
+    apart: int
+    white: float | None
+    planes: Any = None
+
+    @staticmethod
+    def of(file: Any) -> _Stored:
+        series = file.series[0]
+        outer = [
+            (axis, int(n)) for axis, n in zip(series.axes, series.shape, strict=True) if axis not in "YXS"
+        ]
+        names, lengths = [axis for axis, _ in outer], [length for _, length in outer]
+        count = prod(lengths)
+        described = file.is_imagej or file.is_ome
+        if not described and count != len(file.pages):  # several images: take them one by one
+            return _Stored(file, len(file.pages), 1, (), 1, white_of_page(file.pages[0]))
+        at = names.index("C") if described and "C" in names and "S" not in series.axes else None
+        colours = lengths.pop(at) if at is not None else 1
+        apart = 1 if at is None else prod(length for _, length in outer[at + 1 :])
+        planes = None
+        if len(series.pages) != count:
+            first, order = series.pages[0], file.byteorder
+            shape = (count, *first.shape)
+            kind = np.dtype(first.dtype).newbyteorder(order)
+            planes = np.memmap(file.filehandle.path, kind, "r", series.dataoffset, shape)
+        return _Stored(series, count, colours, tuple(lengths), apart, _white(file), planes)
+
+    @property
+    def views(self) -> int:
+        """How many views there are."""
+        return self.pages // self.colours
+
+    def pages_of(self, view: int) -> list[int]:
+        """The pages of a view's colours."""
+        block, rest = divmod(view, self.apart)
+        first = block * self.colours * self.apart + rest
+        return [first + colour * self.apart for colour in range(self.colours)]
+
+    def page(self, number: int) -> tuple[npt.NDArray[Any], str]:
+        """Pixels of a page, and their mode."""
+        if self.planes is None:
+            return decode_page(self.series.pages[number])
+        return decode_page(_Plane(self.series.pages[0], self.planes[number]))
+
+
+class _Plane:
+    """A page without tags of its own."""
+
+    def __init__(self, first: Any, pixels: npt.NDArray[Any]) -> None:
+        self.keyframe, self._pixels = first.keyframe, pixels
+
+    def asarray(self) -> npt.NDArray[Any]:
+        return self._pixels
+
+
+def _white(file: Any) -> float | None:
+    """The value of white that a TIFF states: by its tags, or by what OME calls significant bits."""
+    if file.is_ome and (bits := re.search(r'SignificantBits="(\d+)"', str(file.ome_metadata))):
+        return white_of_bits(int(bits[1])) if 8 <= int(bits[1]) < 16 else None
+    return white_of_page(file.pages[0])
 
 
 def pages_of_tiff(path: Path) -> int:

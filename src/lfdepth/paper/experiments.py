@@ -7,20 +7,25 @@ ones). Beside the paper's methods stands `fbs-vis`, the default of today, with i
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from lfdepth.bench.cache import Cache, make_folder, one_line, timed_estimate
+from lfdepth.bench.cache import Cache
+from lfdepth.bench.external import read_external
 from lfdepth.bench.plan import SceneSpec, Setting
 from lfdepth.bench.published import published_rows
-from lfdepth.bench.run import Bench, Progress, bench, read_external
+from lfdepth.bench.results import Bench, one_line
+from lfdepth.bench.run import Progress, bench
 from lfdepth.bench.submission import HOME, SCENES, find_scenes
 from lfdepth.bench.tables import best
-from lfdepth.bench.tables import figures as printed
+from lfdepth.bench.timing import timed_estimate
 from lfdepth.errors import LightFieldError
+from lfdepth.io.atomic import make_folder
+from lfdepth.io.pixels import write_picture
 from lfdepth.lightfield import LightField
 from lfdepth.methods import Method, method
 from lfdepth.paper.figures import (
@@ -34,8 +39,13 @@ from lfdepth.paper.figures import (
     range_of,
     study,
 )
-from lfdepth.pictures import PanelRow, difference_map, panel, save
+from lfdepth.pictures import PanelRow, difference_map, panel
+from lfdepth.scoring.captions import score_line
 from lfdepth.scoring.metrics import Array, mean_over_scenes
+from lfdepth.scoring.scores import evaluate
+from lfdepth.table import Cell, Column, Row, Table, Value
+
+log = logging.getLogger(__name__)
 
 SHOWN = ("boxes", "cotton", "backgammon", "pyramids")
 """Scenes of the paper's figures 6 and 7."""
@@ -147,6 +157,7 @@ def reproduce(
         try:
             EXPERIMENTS[name].run(lab)
         except Exception as error:  # one experiment must not cost the others
+            log.info("%s failed", name, exc_info=error)
             lab.result.failures.append(f"{name}: {one_line(error)}")
     lab.write_index()
     return lab.result
@@ -214,6 +225,7 @@ class _Laboratory:
             try:
                 yield self._load(spec)
             except Exception as error:  # one bad scene must not cost the others
+                log.info("%s: %s failed", experiment, name, exc_info=error)
                 self.result.failures.append(f"{experiment}: {name}: {one_line(error)}")
 
     def _load(self, spec: SceneSpec) -> LightField:
@@ -312,36 +324,37 @@ def _table1(lab: _Laboratory) -> None:
         "Discontinuities: over the scenes that have its mask. All metrics and scenes: table1/report.html.",
         f"The best of the rows measured here are bold. {TODAY} is not the paper's, but the default of today.",
         "",
-        f"| method | {' | '.join(_TABLE1.values())} |",
-        "|---" * (len(_TABLE1) + 1) + "|",
-        *_measured_rows(found),
+        Table(
+            (Column("method"), *_TABLE1.values()), (*_measured_rows(found), *_published_rows())
+        ).to_markdown(),
     ]
-    for row in published_rows():
-        if row.averages:
-            shown = [row.averages.get(key) for key in list(_TABLE1)[:-1]] + [row.runtime]
-            cells = " | ".join(map(_or_dash, shown))
-            lines.append(f"| *{row.method}* (published, all twelve scenes) | {cells} |")
     lab.write("table1.md", ["# Table 1", "", *lines])
 
 
 _TABLE1 = {
-    "badpix_0.07": "BadPix 0.07 (%)",
-    "mse_x100": "MSE×100",
-    "discontinuities": "Discontinuities (%)",
-    "runtime": "run time (s)",
+    "badpix_0.07": Column("BadPix 0.07", "%"),
+    "mse_x100": Column("MSE×100"),
+    "discontinuities": Column("Discontinuities", "%"),
+    "runtime": Column("run time", "s"),
 }
 
 
-def _measured_rows(found: Bench) -> list[str]:
-    """Lines of table 1, the best of each column in bold."""
+def _measured_rows(found: Bench) -> Iterator[Row]:
+    """Rows of table 1, the best of each column in bold."""
     columns = []
     for key in _TABLE1:
         means = [_mean(found, name, key) for name in found.methods]
-        texts = map(_or_dash, means)
-        columns.append(
-            [f"**{text}**" if bold else text for text, bold in zip(texts, best(means), strict=True)]
-        )
-    return [f"| {' | '.join(cells)} |" for cells in zip(found.methods, *columns, strict=True)]
+        columns.append([Cell(mean, best=bold) for mean, bold in zip(means, best(means), strict=True)])
+    for name, *cells in zip(found.methods, *columns, strict=True):
+        yield Row((Cell(name), *cells))
+
+
+def _published_rows() -> Iterator[Row]:
+    for row in published_rows():
+        if row.averages:
+            shown = [row.averages.get(key) for key in list(_TABLE1)[:-1]] + [row.runtime]
+            name = Cell(row.method, "published, all twelve scenes")
+            yield Row((name, *map(Cell, shown)), "published")
 
 
 def _mean(found: Bench, name: str, key: str) -> float:
@@ -351,14 +364,10 @@ def _mean(found: Bench, name: str, key: str) -> float:
     return mean_over_scenes([entry.scores.get(key) for entry in entries if entry.scores])
 
 
-def _or_dash(value: float | None) -> str:
-    return "–" if value is None or value != value else printed(value)
-
-
 def _intermediate(name: str, draw: Callable[[Study], Array]) -> Callable[[_Laboratory], None]:
     def run(lab: _Laboratory) -> None:
         pixels = draw(lab.intermediate())
-        save(pixels, lab.add(f"{name}.png"))
+        write_picture(lab.add(f"{name}.png"), pixels)
 
     return run
 
@@ -366,7 +375,9 @@ def _intermediate(name: str, draw: Callable[[Study], Array]) -> Callable[[_Labor
 def _figure6(lab: _Laboratory) -> None:
     for lf in lab.each(lab.shown(), "figure6"):
         maps = lab.others(lf) | lab.maps(lf, (*PAPERS, TODAY), SYNTHETIC)
-        row = PanelRow(lf.reference, maps, lf.truth, lf.name, range_of(lf, maps))
+        scored = maps if lf.truth is not None else {}
+        captions = {name: score_line(evaluate(each, lf)) for name, each in scored.items()}
+        row = PanelRow(lf.reference, maps, lf.truth, lf.name, range_of(lf, maps), captions)
         panel(row, path=lab.add(f"figure6-{lf.name}.png"))
 
 
@@ -384,7 +395,7 @@ def _figure8(lab: _Laboratory) -> None:
         scene = replace(lf, disparity_range=lf.disparity_range or lab.real_range)
         maps = lab.others(scene) | lab.maps(scene, (PLAIN, OCCLUSION, TODAY), REAL)
         pixels = figure8(scene.reference, maps, range_of(scene, maps), apart=(PLAIN, OCCLUSION))
-        save(pixels, lab.add(f"figure8-{lf.name}.png"))
+        write_picture(lab.add(f"figure8-{lf.name}.png"), pixels)
 
 
 def _runtime(lab: _Laboratory) -> None:
@@ -395,30 +406,31 @@ def _runtime(lab: _Laboratory) -> None:
         "4.1 GHz, on 9×9 views of 512×512 px (synthetic) and 541×375 px (real); its figures are scaled to",
         f"the number of pixels here. {TODAY} is not the paper's: fewer planes, and each is seen twice.",
         "",
-        "| scene | V×U×H×W | method | planes | map (s) | seconds per slice | the paper's | times faster |",
-        "|---|---|---|---|---|---|---|---|",
     ]
+    rows = []
     for kind, specs, options in (("synthetic", lab.synthetic, SYNTHETIC), ("real", lab.real, REAL)):
         first = dict(list(specs.items())[:1])
         for lf in lab.each(first, "runtime"):
             scene = replace(lf, disparity_range=lf.disparity_range or lab.real_range)
             share = lf.height * lf.width / PAPER_PIXELS[kind]
             for name in (PLAIN, OCCLUSION, TODAY):
-                cells = [lf.name, "×".join(map(str, lf.shape[:4])), name]
-                cells += _runtime_cells(scene, _chosen(name, options), PAPER_SECONDS.get((name, kind)), share)
-                lines.append(f"| {' | '.join(cells)} |")
-    lab.write("runtime.md", lines)
+                of_paper = PAPER_SECONDS.get((name, kind))
+                times = _run_times(scene, _chosen(name, options), of_paper and of_paper * share)
+                rows.append((lf.name, "×".join(map(str, lf.shape[:4])), name, *times))
+    columns = (
+        Column("scene"),
+        Column("V×U×H×W", words=True),
+        Column("method", words=True),
+        *map(Column, ("planes", "map (s)", "seconds per slice", "the paper's", "times faster")),
+    )
+    lab.write("runtime.md", [*lines, Table.of(columns, rows).to_markdown()])
 
 
-def _runtime_cells(lf: LightField, chosen: Method, paper: float | None, share: float) -> list[str]:
-    """Planes, seconds for the map and for a slice, and the paper's for a slice of as many pixels."""
+def _run_times(lf: LightField, chosen: Method, paper: float | None) -> tuple[Value, ...]:
+    """Planes, seconds for the map and for a slice, the paper's for a slice, and how many times as long."""
     result = timed_estimate(lf, chosen, threads=1)
     seconds = result.runtime / result.planes
-    cells = [str(result.planes), f"{result.runtime:.2f}", f"{seconds:.4f}"]
-    return [
-        *cells,
-        *(["–", "–"] if paper is None else [f"{paper * share:.3f}", f"{paper * share / seconds:.0f}"]),
-    ]
+    return result.planes, result.runtime, seconds, paper, paper and paper / seconds
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from lfdepth.engines import single, using
 from lfdepth.errors import LightFieldError
-from lfdepth.io.atomic import atomic, atomic_folder
+from lfdepth.io.atomic import atomic_folder
+from lfdepth.io.pixels import encode_png
 from lfdepth.io.record import checked_map
 from lfdepth.lightfield import LightField
 
@@ -176,8 +177,6 @@ def write_masks(folder: str | Path, masks: NDArray[np.bool_], lf: LightField) ->
         If the masks do not have the light field's shape, or the folder cannot be written or holds something
         else.
     """
-    from PIL import Image
-
     if masks.shape != lf.shape[:4]:
         raise LightFieldError(
             f"{folder}: masks have shape {masks.shape}; expected {lf.shape[:4]}, a mask for each view of "
@@ -186,28 +185,8 @@ def write_masks(folder: str | Path, masks: NDArray[np.bool_], lf: LightField) ->
     digits = max(2, len(str(max(masks.shape[:2]) - 1)))
     with atomic_folder(folder) as temporary:
         for (row, column), _, _ in _present_views(lf):
-            mask = Image.fromarray(masks[row, column].astype(np.uint8) * np.uint8(255))
-            mask.save(temporary / f"mask_v{row:0{digits}d}_u{column:0{digits}d}.png")
-
-
-def write_picture(path: str | Path, picture: NDArray[Any]) -> None:
-    """Write a picture (H, W, C) as PNG: 8 bits for uint8 samples, 16 bits for all others.
-
-    Raises
-    ------
-    LightFieldError
-        If the path does not end in .png, or cannot be written.
-    """
-    import imagecodecs
-
-    path = Path(path)
-    if path.suffix.lower() != ".png":
-        raise LightFieldError(f"{path}: unknown ending {path.suffix or '(none)'}; expected .png; choose it")
-    if picture.dtype == np.float32:
-        picture = np.rint(np.clip(picture, 0, 1) * 65535).astype(np.uint16)
-    encoded = imagecodecs.png_encode(np.ascontiguousarray(picture))
-    with atomic(path) as temporary:
-        temporary.write_bytes(encoded)
+            file = temporary / f"mask_v{row:0{digits}d}_u{column:0{digits}d}.png"
+            file.write_bytes(encode_png(masks[row, column]))
 
 
 def _average(
@@ -231,22 +210,23 @@ def _average(
         for index, v, u in _present_views(lf):
             if surface is not None:
                 front = _grown(_front(surface, v, u))
-            place = (float(v), float(u))
+            place = (v, u)
             engine.gather(lf.views[index], place, focus, total, count, front=front, limit=limit)
     total /= np.maximum(count, 1)[..., None]
     return total, count
 
 
-def _present_views(lf: LightField) -> Iterator[tuple[tuple[int, int], int, int]]:
-    """Index of each view that is there, and its row v and column u from the reference view."""
-    for row, column in np.ndindex(*lf.shape[:2]):
-        if lf.present is None or lf.present[row, column]:
-            yield (row, column), row - lf.centre[0], column - lf.centre[1]
+def _present_views(lf: LightField) -> Iterator[tuple[tuple[int, int], float, float]]:
+    """Index of each view that is there, and where it stands: v down and u across from the reference view."""
+    offsets = lf.offsets
+    for row, column in np.argwhere(lf.available).tolist():
+        v, u = offsets[row, column]
+        yield (row, column), float(v), float(u)
 
 
-def _front(surface: NDArray[np.float32], v: int, u: int, plane: float = 0.0) -> NDArray[np.float32]:
+def _front(surface: NDArray[np.float32], v: float, u: float, plane: float = 0.0) -> NDArray[np.float32]:
     """Disparity (H, W) of what view (u, v) shows, as seen from a plane; −inf where nothing is known of it."""
-    return single().seen(surface, (float(v), float(u)), plane=plane, jump=JUMP)
+    return single().seen(surface, (v, u), plane=plane, jump=JUMP)
 
 
 def _grown(front: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -21,7 +21,7 @@ from lfdepth.scenes.suite import SUITE, Recipe, Stage
 if TYPE_CHECKING:
     from lfdepth.lightfield import LightField
     from lfdepth.scenes.rendering import Rendering
-    from lfdepth.scoring.truth import HighResolution
+    from lfdepth.truth import HighResolution
 
 __all__ = ["NAMES", "PHOTOREAL", "describe", "expected_seconds", "high_resolution", "render", "save"]
 
@@ -135,12 +135,15 @@ def save(
         If an argument is out of its range, or the folder cannot be written or holds something else.
     """
     from lfdepth.io.atomic import check_target
-    from lfdepth.scenes.folder import write_folder
+    from lfdepth.io.benchmark import write_benchmark
+    from lfdepth.truth import FACTOR, HighResolution
 
     folder = Path(folder)
     check_target(folder, folder=True)
     rendering = _rendered(name, size, views, seed, noise, samples, progress)
-    write_folder(folder, rendering)
+    high = HighResolution(*rendering.geometry(FACTOR))
+    labels = rendering.geometry(1)[1]
+    write_benchmark(folder, rendering.lf, high=high, labels=labels, category="procedural")
     return rendering.lf
 
 
@@ -163,8 +166,7 @@ def high_resolution(name: str, *, size: int | tuple[int, int] = 256, seed: int =
     height, width = _pixels(size)
     _check(seed >= 0, f"seed is {seed}; expected an integer >= 0")
     from lfdepth.scenes import rendering
-    from lfdepth.scenes.folder import FACTOR
-    from lfdepth.scoring.truth import HighResolution
+    from lfdepth.truth import FACTOR, HighResolution
 
     scene = _RECIPES[name].build(Stage(height, width, seed))
     return HighResolution(*rendering.geometry(scene, (height, width), FACTOR))

@@ -338,6 +338,7 @@ def near_boundaries(truth: Array, *, jump: float = 0.2, distance: float = 5.0) -
         Pixels at most this far (px, Euclidean) from such a neighbour are near.
     """
     edges = np.zeros(truth.shape, dtype=bool)
+    truth = np.where(np.isfinite(truth), truth, np.nan)  # infinity minus infinity would warn
     down = np.abs(np.diff(truth, axis=0)) > jump
     across = np.abs(np.diff(truth, axis=1)) > jump
     edges[:-1] |= down

@@ -13,11 +13,12 @@ from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
 from lfdepth.scoring import metrics
 from lfdepth.scoring.metrics import HIGH, LOW, Array, Resolution
+from lfdepth.table import Column, Table, Value
 
 if TYPE_CHECKING:
     from lfdepth.camera import Camera
     from lfdepth.result import Result
-    from lfdepth.scoring.truth import HighResolution
+    from lfdepth.truth import HighResolution
 
 HIGH_RESOLUTION_SCENES = frozenset({"backgammon", "dots", "stripes", "wedges", "specks", "strips"})
 """Scenes whose BadPix, MSE and Q25 are taken at high resolution: three of the benchmark, and those of
@@ -212,22 +213,26 @@ class Scores(Mapping[str, float]):
 
     def table(self, *, every: bool = False) -> str:
         """Text table, a line per metric; with `every` also the metrics without a value, and why."""
-        rows = [(label_of(key), f"{value:.3f}", self._remark(key)) for key, value in self.scores.items()]
-        if every:
-            rows += [(BY_KEY[key].label, "–", reason) for key, reason in self.missing.items()]
-        widths = [max(len(row[i]) for row in rows) for i in (0, 1)]
-        lines = [
-            f"{name:<{widths[0]}}  {value:>{widths[1]}} {remark}".rstrip() for name, value, remark in rows
+        units = {metric.key: metric.unit for metric in METRICS} | {"runtime": "s"}
+        rows: list[tuple[Value, ...]] = [
+            (label_of(key), value, units[key], self.notes.get(key, "")) for key, value in self.scores.items()
         ]
+        if every:
+            rows += [(label_of(key), None, "", reason) for key, reason in self.missing.items()]
+        columns: tuple[str | Column, ...] = (
+            self.scene,
+            "score",
+            Column("unit", words=True),
+            Column("note", words=True),
+        )
+        if not any(row[-1] for row in rows):
+            columns, rows = columns[:-1], [row[:-1] for row in rows]
+        lines = [Table.of(columns, rows).to_text()]
         if self.invalid_pixels:
             lines.append(
                 f"{self.invalid_pixels} of {self.pixels} pixels have no value; BadPix counts them as bad"
             )
-        return "\n".join([self.scene, *lines])
-
-    def _remark(self, key: str) -> str:
-        unit = "s" if key == "runtime" else BY_KEY[key].unit
-        return f"{unit:<6}  {self.notes[key]}" if key in self.notes else unit
+        return "\n".join(lines)
 
 
 def label_of(key: str) -> str:

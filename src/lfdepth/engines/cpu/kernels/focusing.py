@@ -14,7 +14,7 @@ Map = npt.NDArray[np.float32]
 
 
 @njit(cache=True, nogil=True)
-def splat_kernel(front: Map, disparity: Map, plane: float, v: int, u: int, jump: float) -> None:
+def splat_kernel(front: Map, disparity: Map, plane: float, v: float, u: float, jump: float) -> None:
     """Nearest disparity that lands on each pixel of view (u, v) as seen from a plane; starts at −inf.
 
     A pixel lands at (x, y) − (u, v)·(D − plane). So do the points halfway to its neighbours to the right,
@@ -45,8 +45,8 @@ def gather_kernel(
     total: Map,
     count: Map,
     view: npt.NDArray[Any],
-    v: int,
-    u: int,
+    v: float,
+    u: float,
     disparity: Map,
     front: Map,
     nearest: Map,

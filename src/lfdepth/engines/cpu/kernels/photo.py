@@ -203,9 +203,10 @@ def photo_kernel(
                     _interpolate(levels, channels, data, first, second, length, w00, w01, w10, w11)
                     whole, at = True, np.uintp(0)
                     if masked:
-                        row = view + min(max(y + nearest_down[v, u], 0), height - 1)
-                        whole = row_nearest[row] <= horizon16
-                        at = np.uintp(row * length + margin + nearest_across[v, u])
+                        there = y + nearest_down[v, u]
+                        if 0 <= there < height:  # beside the picture nothing is known that hides the plane
+                            whole = row_nearest[view + there] <= horizon16
+                            at = np.uintp((view + there) * length + margin + nearest_across[v, u])
                     everywhere[i] += whole
                     if whole and channels == 1:
                         _count_grey(votes[i], bounds[i], levels, reference[i])
