@@ -13,6 +13,7 @@ import json
 import os
 import shutil
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -93,7 +94,7 @@ def atomic_folder(path: str | Path, *, manifest: str = MANIFEST) -> Iterator[Pat
     except OSError as error:
         raise _unwritable(path, error) from error
     finally:
-        shutil.rmtree(temporary, ignore_errors=True)
+        _remove(temporary)
 
 
 def check_target(path: str | Path, *, folder: bool = False) -> None:
@@ -133,6 +134,15 @@ def foreign_entry(folder: Path) -> str | None:
         if not ours:
             return name
     return None
+
+
+def _remove(folder: Path) -> None:
+    """Remove a folder of ours; again if threads of a library that failed were still writing into it."""
+    for _ in range(_TRIES):
+        shutil.rmtree(folder, ignore_errors=True)
+        if not folder.exists():
+            return
+        time.sleep(0.02)
 
 
 def _write_manifest(folder: Path, manifest: str) -> None:

@@ -209,6 +209,6 @@ def _camera(
 
 def _truth(depth: npt.NDArray[Any], scale: float, shift: float) -> npt.NDArray[np.float32] | None:
     """Disparity from depth in metres, NaN or infinite where there is none; None if there is none at all."""
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         disparity = (scale / np.asarray(depth, np.float64) - shift).astype(np.float32)
     return disparity if np.isfinite(disparity).any() else None
