@@ -40,6 +40,7 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "no fitted planes": (METHOD, {"fit_radius": 0}),
     "no edge decision": (METHOD, {"edge_passes": 0}),
     "no gloss": (METHOD, {"gloss": False}),
+    "no refinement": (METHOD, {"refine": False}),
     "no visibility, no edges": (METHOD, {"visibility": False}),
     "not normalised": (METHOD, {"normalise": False}),
     "grey guide": (METHOD, {"guide": "grey"}),

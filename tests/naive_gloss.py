@@ -19,6 +19,8 @@ RADIUS, MIDDLE = 3, 128  # px of the mean that is subtracted; the level of no di
 CELL, FEWEST_VIEWS, FEWEST_PROBED = 8, 9, 5
 ALONG, WINDOW, PROBED_RISE = 3, (1, 12), 0.07
 AREA, HOLE, GROW = 30, 200, 2
+GAP, COARSE = 4, 3  # cells between boxes that are one; every so many planes tell whether one is worth all
+RISE, WHOLE = 0.1, 255  # of a peak, as a share of the views, that is gloss; parts that shares are kept in
 
 
 def high_passed(views: Array) -> Array:
@@ -120,3 +122,37 @@ def tidied(mask: Array) -> Array:
         for y, x in region if len(region) <= HOLE else ():
             kept[y, x] = True
     return kept
+
+
+def boxes(cells: Array) -> list[tuple[int, int, int, int]]:
+    """(Top, bottom, left, right) of groups of cells; those with fewer than `GAP` cells between are one."""
+    found: list[tuple[int, int, int, int]] = []
+    for region in regions(cells):
+        y, x = zip(*region, strict=True)
+        box = min(y), max(y) + 1, min(x), max(x) + 1
+        while near := [other for other in found if _gap(box, other) < GAP]:
+            found.remove(near[0])
+            top, bottom, left, right = zip(box, near[0], strict=True)
+            box = min(top), max(bottom), min(left), max(right)
+        found.append(box)
+    return found
+
+
+def _gap(a: tuple[int, ...], b: tuple[int, ...]) -> int:
+    return max(max(a[0], b[0]) - min(a[1], b[1]), max(a[2], b[2]) - min(a[3], b[3]))
+
+
+def glossy(own: Array, fine: Array, cells: Array) -> Array:
+    """Pixels that high-passed views decide: shares (K, H, W) in whole parts of the views', and of those."""
+    rising, covered = (np.zeros(own.shape[1:], bool) for _ in "12")
+    for box in boxes(cells):
+        top, bottom, left, right = (CELL * side for side in box)
+        part = slice(top, bottom), slice(left, right)
+        coarse = _rises(own[::COARSE], fine[::COARSE])
+        if coarse[part].sum() >= AREA:
+            covered[part], rising[part] = True, _rises(own, fine)[part]
+    return np.asarray(tidied(rising) & covered)
+
+
+def _rises(own: Array, fine: Array) -> Array:
+    return np.asarray(fine.max(axis=0) - own.max(axis=0) > RISE * WHOLE)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import naive
+import naive_gloss
 import naive_photo
 from lfdepth.blocks.edges import EdgeRule
 from lfdepth.blocks.energy import JointRule
@@ -27,7 +28,7 @@ Array = NDArray[Any]
 FEWEST_VIEWS = 25  # that thinning leaves
 PARTS, NOTHING = 1000, -32768  # of a px per view step in which splats are kept; where nothing is known
 MARGIN = 0.2  # px per view step by which a surface has to be nearer to hide a plane
-ENERGY = 2000  # whole energies per unit
+ENERGY, SHARES = 2000, 255  # whole energies per unit; parts that shares are kept in
 ALIKE, LARGEST_ISLAND = 2.0, 2  # planes within which neighbours are one island; its largest size in px
 FLAT, VERTEX_REACH = 1e-4, 1.5  # curvature below which a parabola has no vertex; planes it may be away
 FIT_GATE, FIT_PRIOR, FIT_RIDGE, FIT_SHARPNESS, FIT_SPACING = 0.175, 2.0, 4.0, 10.0, 2
@@ -44,6 +45,7 @@ FEWEST_SEEING = 0.1  # of all views
 INSIDE = 0.25  # of a jump, within which a pixel's disparity is the nearer surface's
 THRESHOLDS = (0.2, 0.003, 0.02)
 HIGHEST_THRESHOLD = 0.1  # that noise can raise the lower bound to
+GLOSSY_WEIGHT = 2.0  # of photo-consistency where signs have no say
 STEADY = 2  # px around a pixel within which a map that changes fast costs trust
 SPREAD = 2  # of a fitted plane's weights: they fall as exp(−SPREAD · distance² / radius²)
 FEWEST_PLANES_SLOPE = 1.5  # planes within which a neighbour is of one surface, however coarse the step
@@ -179,6 +181,11 @@ def joint_energy(signs: Array, share: Array, weight: Array) -> Array:
     """Energies (H, W, K) above the pixel's least, real numbers."""
     energy = np.moveaxis(signs - weight * share, 0, -1)
     return np.asarray(energy - energy.min(axis=-1, keepdims=True))
+
+
+def kept(share: Array) -> Array:
+    """Shares of views as whole parts."""
+    return np.asarray(np.rint(np.clip(share, 0, 1) * SHARES), np.int64)
 
 
 def whole(energy: Array) -> Array:
@@ -340,8 +347,12 @@ def fit_surfaces(position: Array, energy: Array, guide: Array, step: float, radi
 
 
 def evened(position: Array, guide: Array, step: float) -> Array:
+    """The same of places between planes."""
+    return evened_within(position, guide, max(FIT_GATE / step, FEWEST_PLANES_SLOPE))
+
+
+def evened_within(position: Array, guide: Array, gate: float) -> Array:
     """Binomial mean of 3 × 3 pixels; of pairs of opposite neighbours, either both take part or none does."""
-    gate = max(FIT_GATE / step, FEWEST_PLANES_SLOPE)
     out = position.copy()
     for y, x in np.ndindex(*position.shape):
         for dy, dx, weight in ((0, 1, 2), (1, 0, 2), (1, 1, 1), (1, -1, 1)):
@@ -371,26 +382,27 @@ def decode(
     rule: JointRule,
     stride: int,
     present: Array | None = None,
+    glossy: Array | None = None,
 ) -> Decoded:
     """The joint decoder on every `stride`-th plane; `smoothed` and `share` are (K, H, W).
 
-    `level` is the views' residual level.
+    `level` is the views' residual level; `glossy` (H, W) are pixels whose signs have no say.
     """
     step = float(plane[0] - plane[1])
-    share = np.rint(np.clip(share[::stride], 0, 1) * 255) / 255
+    silent = np.zeros(share.shape[1:], bool) if glossy is None else glossy
+    share = kept(share[::stride]) / SHARES
     contrast = share.max(axis=0) - share.mean(axis=0)
     weight = rule.photo_weight * ramp(contrast, *CONTRAST) * texture_weight(views, level, present)
-    energy = joint_energy(sign_energy(smoothed, step)[::stride], share, weight)
+    weight = np.where(silent, GLOSSY_WEIGHT * weight, weight)
+    energy = joint_energy(np.where(silent, 0, sign_energy(smoothed, step)[::stride]), share, weight)
     slope, jump = rule.slope_penalty * stride * ENERGY, rule.jump_penalty * ENERGY
     dead_zone = level * guide.shape[2]
     total = four_paths(whole(energy), guide, slope, jump, rule.edge_sharpness, dead_zone)
     position = fill_islands(parabola(total), len(share), LARGEST_ISLAND)
     if stride == 1 and rule.fit_radius > 0:
         position = fit_surfaces(position, energy, guide, step, rule.fit_radius)
-    return Decoded(
-        plane[0] - step * stride * position,
-        np.sqrt(naive.confidence(smoothed) * np.clip(contrast, 0, 1)),
-    )
+    fit = np.where(silent, contrast, naive.confidence(smoothed))
+    return Decoded(plane[0] - step * stride * position, np.sqrt(fit * np.clip(contrast, 0, 1)))
 
 
 # Depth edges
@@ -566,13 +578,23 @@ def texture_weight(views: Array, level: float, present: Array | None = None) -> 
     return ramp(naive.box_mean(change, CONTRAST_WINDOW) / level, *TEXTURE)
 
 
+# Gloss
+
+
+def suspects(views: Array, limits: Array, texture: Array, plane: Array, present: Array | None) -> Array:
+    """Cells that are worth a look, by the views that any count looks at."""
+    available = np.ones(views.shape[:2], bool) if present is None else present
+    held = thinned(available, sparse=False) | naive_gloss.probed(available)
+    return naive_gloss.suspects(views, limits, texture, plane, held)
+
+
 # All of it
 
 
 def estimate(
     views: Array, disparity_range: tuple[float, float], method: FbsVis, present: Array | None = None
 ) -> Decoded:
-    """The whole method "fbs-vis", but for gloss."""
+    """The whole method "fbs-vis", but for refinement."""
     assert method.step is not None
     plane = naive.planes(disparity_range, method.step)
     guide = naive.guide_image(views, method.guide)
@@ -604,6 +626,14 @@ def estimate(
     first = decode(plane, smoothed, share, views, level, guide, rule, stride, present)
     rough, _ = settle(first.disparity, views, EdgeRule(passes=min(method.edge_passes, 1)), present)
     share = np.stack([smooth(visible_share(views, d, limits, rough, more)) for d in plane])
-    second = decode(plane, smoothed, share, views, level, guide, rule, 1, present)
+    glossy = np.zeros(guide.shape[:2], bool)
+    if method.gloss and method.photo_weight > 0:
+        cells = suspects(views, limits, texture_weight(views, level, present), plane, present)
+        if cells.any():
+            filtered = naive_gloss.high_passed(views)
+            fine = np.stack([smooth(visible_share(filtered, d, limits, rough, more)) for d in plane])
+            glossy = naive_gloss.glossy(kept(share), kept(fine), cells)
+            share = np.where(glossy, fine, share)
+    second = decode(plane, smoothed, share, views, level, guide, rule, 1, present, glossy)
     settled, found = settle(second.disparity, views, edge_rule, present)
     return Decoded(np.clip(settled, *disparity_range), trust(settled, found) * second.confidence)

@@ -50,7 +50,7 @@ def fixed_clock(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     true, called = run.estimate, list[str]()
 
     def estimate(lf: LightField, method: Any, **options: Any) -> run.Result:
-        if "planes" not in options:
+        if "range" not in options:
             called.append(f"{lf.name}/{method.name}")
         return replace(true(lf, method, **options), runtime=1.0)
 

@@ -190,7 +190,7 @@ def test_maps_are_told_from_light_fields(scene: Path, run: Run, ending: str) -> 
         ("convert scene -o x --to mov", "format 'mov': not written; expected one of folder, benchmark"),
         ("convert scene -o x.mat --mesh", "--mesh: the source is a light field; expected a disparity map"),
         ("convert scene -o x.h5 --quantity depth", "--quantity: the source is a light field"),
-        ("convert scene -o x.npz --range 2 1", "2 to 1"),
+        ("convert scene -o x.npz --range 2 1", "found [2, 1], expected MIN below MAX"),
         ("convert scene -o none/x.npz", "folder none does not exist"),
         ("convert scene -o x.h5 --format npy", "scene: "),
     ],

@@ -96,6 +96,20 @@ def test_white_level_by_hand_overrules(tmp_path: Path, capsys: pytest.CaptureFix
             read(tmp_path / "lf.npy", white_level=impossible)
 
 
+@pytest.mark.parametrize("white", [4095, 1023])
+def test_maps_do_not_depend_on_the_bits(tmp_path: Path, white: int) -> None:
+    """The same scene in all 16 bits, and in fewer of a 16-bit file: maps differ by what rounding does."""
+    views, truth = two_planes(np.random.default_rng(4), (5, 5), (60, 72))
+    found = {}
+    for level in (65535, white):
+        np.save(tmp_path / "lf.npy", np.rint(views * level).astype(np.uint16))
+        found[level] = lfdepth.estimate(read(tmp_path / "lf.npy"), range=(-1, 1.2)).disparity
+    difference = np.abs(found[white] - found[65535])
+    assert np.quantile(difference, 0.98) < 0.0027
+    for disparity in found.values():
+        assert (np.abs(disparity - truth)[6:-6, 6:-6] > 0.07).mean() < 0.0112
+
+
 def test_white_by_metadata(tmp_path: Path) -> None:
     views = random_views(3, 3, 12, 14, dtype="uint16", most=1000)
     expected = np.rint(views * (65535 / 4095))
@@ -293,6 +307,7 @@ def test_positions_by_a_table(tmp_path: Path, swapped: bool) -> None:
     lf = read(tmp_path / "lf.npy", positions=tmp_path / "table.csv")
     assert lf.positions is not None
     np.testing.assert_allclose(lf.positions, counted_from_reference(offsets), atol=1e-9)
+    assert lf.remarks == ("by the cameras' positions, a step down is 0.667 of a step to the right",)
     # They go with the views: reordered, and written and read back.
     turned = read(tmp_path / "lf.npy", positions=tmp_path / "table.csv", transpose=True, flip_u=True)
     assert turned.positions is not None
@@ -794,6 +809,16 @@ def test_two_views_are_estimated(grid: tuple[int, int], method: str, median: flo
     error = np.abs(found.disparity - truth)[6:-6, 6:-6]
     assert np.median(error) < median
     assert (error > 0.35).mean() < wrong
+
+
+def test_left_and_right(tmp_path: Path) -> None:
+    save(tmp_path / "left.png", VIEWS[0, 0])
+    save(tmp_path / "right.png", VIEWS[0, 1])
+    np.testing.assert_array_equal(read(tmp_path, grid=(1, 2)).views[0], VIEWS[0, :2])
+    with pytest.raises(
+        LightFieldError, match=r"right\.png: surplus picture.*give the grid if all are \(--grid\)"
+    ):
+        read(tmp_path)
 
 
 def test_the_range_of_two_views_is_found() -> None:

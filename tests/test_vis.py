@@ -44,7 +44,7 @@ OPTIONS: dict[str, Any] = {"step": 0.13, "radius": 2, "epsilon": 1e-3, "fit_radi
 )
 def test_the_method_agrees_with_the_oracle(lf: LightField, options: dict[str, Any]) -> None:
     """A pixel decided otherwise at an edge, or a view seen otherwise, reaches as far as the windows do."""
-    chosen = FbsVis(**{**OPTIONS, "gloss": False, **options})
+    chosen = FbsVis(**{**OPTIONS, "gloss": False, "refine": False, **options})
     found = estimate(lf, chosen)
     expected = naive_vis.estimate(lf.views, RANGE, chosen, lf.present)
     assert chosen.step is not None

@@ -34,6 +34,9 @@ class FakeMethod:
     name: str = "fbs"
     step: float = 0.02
 
+    def parameters(self) -> dict[str, float]:
+        return {"step": self.step}
+
 
 @dataclass(frozen=True)
 class FakeResult:

@@ -127,7 +127,9 @@ class SceneSpec:
 def _read(source: Path | str) -> tuple[LightField, dict[str, str]]:
     from lfdepth import io, scenes
 
-    return (scenes.render(str(source)), {}) if _is_procedural(source) else io.read_to_score(Path(source))
+    unusable: dict[str, str] = {}
+    lf = scenes.render(str(source)) if _is_procedural(source) else io.read(source, unusable=unusable)
+    return lf, unusable
 
 
 def _is_procedural(source: Path | str) -> bool:

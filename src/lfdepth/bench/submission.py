@@ -154,9 +154,9 @@ def _run(
     name: str, folder: Path, chosen: Setting, cache: Cache, out: Path, threads: int | None
 ) -> list[Path]:
     """Estimate one scene, write its two files, and check them as one would check those of others."""
-    from lfdepth.io import read_to_score
+    from lfdepth.io import read
 
-    lf, _ = read_to_score(folder)  # masks play no part
+    lf = read(folder, unusable={})  # masks play no part
     files = [out / "disp_maps" / f"{name}.pfm", out / "runtimes" / f"{name}.txt"]
     _write(cache.estimate(lf, chosen.resolve(), threads=threads), *files)
     if found := [*_map_problems(files[0]), *_runtime_problems(files[1])]:

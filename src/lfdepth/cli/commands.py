@@ -168,12 +168,13 @@ def evaluate(
         Also write the signed error as a picture, .png: red = too near, blue = too far.
     """
     import lfdepth
-    from lfdepth.io import read_confidence, read_disparity, read_high_resolution, read_to_score
+    from lfdepth.io import read_confidence, read_disparity, read_high_resolution
 
     if error_map is not None:
         check_picture(error_map, apart_from=result)
     disparity = read_disparity(result, finite=False)
-    lf, unusable = read_to_score(scene, reading.read)
+    unusable: dict[str, str] = {}
+    lf = reading.read(scene, unusable)
     beside = scene.is_dir() and reading.keeps_size and reading.truth is None
     high = read_high_resolution(scene) if beside else None
     scores = lfdepth.evaluate(disparity, lf, confidence=read_confidence(result), high=high, unusable=unusable)

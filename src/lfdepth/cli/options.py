@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, make_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -191,14 +191,14 @@ class Reading:
     sensor_mm: float | None = None
     focus_m: float | None = None
 
-    def read(self, scene: Path, *, without_masks: Collection[str] = ()) -> LightField:
-        """Read a light field, apart from some masks."""
+    def read(self, scene: Path, unusable: dict[str, str] | None = None) -> LightField:
+        """Read a light field; `unusable` takes the masks that cannot be used, as in `lfdepth.read`."""
         import lfdepth
 
-        options: dict[str, Any] = {**vars(self), "without_masks": without_masks}
+        options = dict(vars(self))
         for short, long in _LONG_NAMES.items():
             options[long] = options.pop(short)
-        return lfdepth.read(scene, **options)
+        return lfdepth.read(scene, unusable=unusable, **options)
 
     def check_order(self, lf: LightField) -> Orientation:
         """Test on the pixels whether the views that were read so are in order."""

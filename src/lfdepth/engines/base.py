@@ -285,6 +285,52 @@ class Engine(Protocol):
     ) -> Float:
         """Places along the planes by local planes fitted to each pixel's own minima (`blocks.surface`)."""
 
+    # --- refinement between planes
+
+    def spline_views(self, lf: LightField, chosen: Bool) -> Any:
+        """Cubic B-spline coefficients of the luma of the `chosen` views (V, U), the reference view's too."""
+
+    def ask_views(
+        self,
+        views: Any,
+        disparity: Float,
+        *,
+        margin: float,
+        high_pass: float,
+        noise_blur: float,
+        least_noise: float,
+        fewest: int,
+        farthest: float,
+        halving: float,
+        jump: float,
+        rims: tuple[float, ...],
+    ) -> tuple[Float, Float, Float]:
+        """One Gauss–Newton step at every pixel of a map, by views `spline_views` (`blocks.refine`).
+
+        The step (H, W), its information, and what is left of that near depth edges.
+        """
+
+    def fit_steps(
+        self,
+        disparity: Float,
+        target: Float,
+        strength: Float,
+        guide: Float,
+        *,
+        radius: int,
+        spacing: int,
+        gate: float,
+        ridge: float,
+        sharpness: float,
+    ) -> Float:
+        """Height of the plane fitted around every pixel to the targets of its surface (`blocks.refine`)."""
+
+    def even_lattices(self, disparity: Float, guide: Float, *, gate: float, sharpness: float) -> Float:
+        """Binomial mean over pairs of opposite pixels of 3×3, of one surface and alike in colour."""
+
+    def blur(self, image: Float, deviation: float) -> Float:
+        """Gaussian mean of an image (H, W), out to four standard deviations; borders repeat."""
+
     # --- depth edges and noise
 
     def views(self, lf: LightField) -> Any:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import FULL_SCALE, luma
 
 GREY_UNIT = 32
@@ -142,3 +143,12 @@ def plane_horizon(plane: float) -> int:
     """Disparity, in `DISPARITY_PARTS`, beyond which a surface hides a plane."""
     level = round((plane + VISIBILITY_MARGIN) * DISPARITY_PARTS)
     return int(np.clip(level, -DISPARITY_LIMIT, DISPARITY_LIMIT))
+
+
+def check_within(disparity: float, reach: float) -> None:
+    """Raise LightFieldError where a plane lies beyond what views were prepared for."""
+    if not abs(disparity) <= reach + 1e-9:
+        raise LightFieldError(
+            f"disparity: found a plane at {disparity:g}, expected |D| of at most {reach:g} px per view step, "
+            "for which the views were prepared; prepare them for more"
+        )

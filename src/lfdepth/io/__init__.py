@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Collection
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -12,7 +11,7 @@ import numpy.typing as npt
 
 from lfdepth.camera import Camera, CameraOptions
 from lfdepth.errors import LightFieldError
-from lfdepth.io.benchmark import read_high_resolution, unusable_masks
+from lfdepth.io.benchmark import read_high_resolution
 from lfdepth.io.formats import FORMATS, Format, find_format
 from lfdepth.io.layout import Layout
 from lfdepth.io.limits import check_file
@@ -50,7 +49,6 @@ __all__ = [
     "read_disparity",
     "read_high_resolution",
     "read_record",
-    "read_to_score",
     "read_truth",
     "write",
 ]
@@ -85,7 +83,7 @@ def read(
     sensor_size_mm: float | None = None,
     focus_distance_m: float | None = None,
     check: bool = False,
-    without_masks: Collection[str] = (),
+    unusable: dict[str, str] | None = None,
 ) -> LightField:
     """Read a light field.
 
@@ -136,9 +134,9 @@ def read(
     check : bool
         Test on the pixels whether the grid of views is in order, and refuse it if it is not. Where the scene
         cannot tell, a warning says so.
-    without_masks : collection of str
-        Names of masks of a benchmark folder that are left unread (`unusable_masks` tells those that are
-        damaged).
+    unusable : dict, optional
+        Takes the names of masks that are damaged or of another size than the views, with the reason; the
+        rest is read. Without it, such a mask is an error.
 
     Returns
     -------
@@ -157,13 +155,7 @@ def read(
     check_file(path)
     check_white_level(white_level)
     known = find_format(path, format)
-    layout = Layout(
-        grid,
-        partial,
-        _checked_pattern(pattern, known),
-        _checked_axes(axes, known),
-        without_masks=frozenset(without_masks),
-    )
+    layout = Layout(grid, partial, _checked_pattern(pattern, known), _checked_axes(axes, known))
     if isinstance(truth, (str, Path)):
         truth = read_truth(truth, scale=truth_scale, offset=truth_offset, variable=truth_variable)
     selection = Selection(
@@ -181,43 +173,18 @@ def read(
     )
     try:
         with unchanged(path):
-            lf = assemble(known.open(path, layout), selection)
+            source = known.open(path, layout)
+            if source.unusable and unusable is None:
+                source.close()
+                raise LightFieldError(next(iter(source.unusable.values())))
+            lf = assemble(source, selection)
     except OSError as error:  # a folder where a file should be, missing permissions
         raise unreadable(path, error) from None
+    if unusable is not None:
+        unusable.update(source.unusable)
     if check:
         _check_order(lf, path, selection)
     return lf
-
-
-def read_to_score(path: Path, read: Callable[..., LightField] = read) -> tuple[LightField, dict[str, str]]:
-    """Read a light field also where some of its masks cannot be used: the rest can be scored all the same.
-
-    Parameters
-    ----------
-    path : Path
-        Light field.
-    read : callable
-        How it is read: takes the path and `without_masks`.
-
-    Returns
-    -------
-    LightField
-        With the masks that can be used.
-    dict of str to str
-        The reason by name for each of the others.
-
-    Raises
-    ------
-    LightFieldError
-        If something else is wrong.
-    """
-    try:
-        return read(path), {}
-    except LightFieldError:
-        unusable = unusable_masks(path)
-        if not unusable:
-            raise
-    return read(path, without_masks=tuple(unusable)), unusable
 
 
 def write(

@@ -83,7 +83,7 @@ def open_benchmark(path: Path, layout: Layout) -> ViewSource:
     ------
     LightFieldError
         If views are missing and it is not meant, or there are too many; if `parameters.cfg` is garbled or
-        contradicts the files or the grid asked for; if the truth or a mask is damaged or of another size.
+        contradicts the files or the grid asked for; if the truth is damaged or of another size.
     """
     files = _view_files(path)
     check_inside(path, [*files.values(), path / _CONFIG, path / _LOW.truth])
@@ -93,6 +93,8 @@ def open_benchmark(path: Path, layout: Layout) -> ViewSource:
     present = _present(path, files, grid, layout)
     if parameters:
         _check_resolution(next(iter(files.values())), parameters.camera)
+
+    masks, unusable = _usable_masks(_LOW.masks(path), next(iter(files.values())))
 
     def file(v: int, u: int) -> Path:
         number = v * grid[1] + u
@@ -106,11 +108,8 @@ def open_benchmark(path: Path, layout: Layout) -> ViewSource:
         camera=parameters.camera if parameters else None,
         disparity_range=parameters.disparity_range if parameters else None,
         truth=_read_truth(path / _LOW.truth),
-        masks={
-            name: _read_mask(file)[..., 0] > 0
-            for name, file in _LOW.masks(path).items()
-            if name not in layout.without_masks
-        },
+        masks={name: mask > 0 for name, mask in masks.items()},
+        unusable=unusable,
         name=path.resolve().name,
     )
 
@@ -315,17 +314,6 @@ def _read_truth(file: Path) -> npt.NDArray[np.float32] | None:
     return checked_map(read_pfm(file), str(file), finite=False) if file.exists() else None
 
 
-def _read_mask(file: Path, size: tuple[int, int] | None = None) -> npt.NDArray[Any]:
-    """A mask (H, W, C) with its labels; LightFieldError if it is not of a size that is asked for."""
-    check_inside(file.parent, [file])
-    mask = read_picture(file)
-    if size is not None and mask.shape[:2] != size:
-        raise LightFieldError(
-            f"{file}: {mask.shape[1]}x{mask.shape[0]} px; expected {size[1]}x{size[0]} px; replace it"
-        )
-    return mask
-
-
 # --- what scores need beside the light field
 
 
@@ -348,27 +336,33 @@ def read_high_resolution(folder: Path | str) -> HighResolution | None:
         return None
     check_inside(folder, [folder / _HIGH.truth])
     truth = read_pfm(folder / _HIGH.truth)
-    masks, unusable = _usable_masks(_HIGH.masks(folder), (truth.shape[0], truth.shape[1]))
+    masks, unusable = _masks_of_size(_HIGH.masks(folder), truth.shape)
     return HighResolution(truth, masks, unusable)
 
 
-def unusable_masks(folder: Path) -> dict[str, str]:
-    """Why low-resolution masks of a benchmark folder cannot be used: damaged, or not of the views' size."""
-    if not folder.is_dir() or not (views := _view_files(folder)):
-        return {}
-    height, width = read_picture(next(iter(views.values()))).shape[:2]
-    return _usable_masks(_LOW.masks(folder), (height, width))[1]
-
-
 def _usable_masks(
-    files: Mapping[str, Path], size: tuple[int, int]
+    files: Mapping[str, Path], view: Path
 ) -> tuple[dict[str, npt.NDArray[Any]], dict[str, str]]:
-    """The masks that can be used, and the reason for each of the others."""
+    """Masks of the size of a view; the view is read only if there are any."""
+    return _masks_of_size(files, read_picture(view).shape[:2]) if files else ({}, {})
+
+
+def _masks_of_size(
+    files: Mapping[str, Path], size: tuple[int, ...]
+) -> tuple[dict[str, npt.NDArray[Any]], dict[str, str]]:
+    """The masks (H, W) that can be used, with their labels, and the reason for each of the others."""
     masks: dict[str, npt.NDArray[Any]] = {}
     unusable: dict[str, str] = {}
     for name, file in files.items():
         try:
-            masks[name] = _read_mask(file, size)[..., 0]
+            check_inside(file.parent, [file])
+            mask = read_picture(file)[..., 0]
         except LightFieldError as error:
             unusable[name] = str(error)
+            continue
+        if mask.shape == size:
+            masks[name] = mask
+        else:
+            found, expected = (f"{shape[1]}x{shape[0]} px" for shape in (mask.shape, size))
+            unusable[name] = f"{file}: {found}; expected {expected}; replace it"
     return masks, unusable

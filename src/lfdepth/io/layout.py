@@ -25,15 +25,12 @@ class Layout:
         Which files of a folder are views, such as ``"shot_*.png"`` or ``"*/000.png"``.
     axes : str, optional
         Order of the axes of an array, such as ``"WHUV"``: V, U, H, W, C, or N for a running number of views.
-    without_masks : set of str
-        Names of masks that are not to be read.
     """
 
     grid: tuple[int, int] | None = None
     partial: bool = False
     pattern: str | None = None
     axes: str | None = None
-    without_masks: frozenset[str] = frozenset()
 
     def of_count(self, count: int, what: str) -> tuple[int, int]:
         """Grid of views that are only numbered: as asked for, else a square.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatch
 from math import gcd
@@ -137,7 +137,7 @@ def find_views(path: Path, layout: Layout) -> Found:
             f"{path}: holds no pictures; expected {', '.join(ENDINGS)} files; check the path"
         )
     found = _in_folders(path, files, layout) if nested else Found(tuple(map(Name.of, files)))
-    return _without_others(path, found, layout)
+    return _without_others(found, layout)
 
 
 def place_views(path: Path, names: Sequence[Name], layout: Layout) -> tuple[list[Grid], Grid]:
@@ -206,7 +206,7 @@ def _in_folders(path: Path, files: Sequence[Path], layout: Layout) -> Found:
     )
 
 
-def _without_others(path: Path, found: Found, layout: Layout) -> Found:
+def _without_others(found: Found, layout: Layout) -> Found:
     """Leave maps and masks out; the rest has to be of one kind, unless its number is what the grid takes."""
     views = [name for name in found.names if not name.is_beside] or list(found.names)
     remarks = list(found.remarks)
@@ -218,7 +218,7 @@ def _without_others(path: Path, found: Found, layout: Layout) -> Found:
     if len(kinds) > 1 and not _fits(layout, len(views)):
         fitting = [names for names in kinds.values() if _fits(layout, len(names))]
         if len(fitting) != 1:
-            raise _others(path, kinds.values())
+            raise _others(kinds.values())
         remarks.append(
             f"{len(views) - len(fitting[0])} pictures were left out that are named unlike "
             f"{fitting[0][0].file.name}"
@@ -227,15 +227,18 @@ def _without_others(path: Path, found: Found, layout: Layout) -> Found:
     return Found(tuple(views), tuple(remarks))
 
 
-def _others(path: Path, kinds: object) -> LightFieldError:
-    groups = sorted(kinds, key=len, reverse=True)  # type: ignore[call-overload]
+def _others(kinds: Iterable[list[Name]]) -> LightFieldError:
+    """The error for a folder whose pictures have names of several kinds."""
+    groups = sorted(kinds, key=len, reverse=True)
     usual = groups[0][0].file
     others = [name.file for names in groups[1:] for name in names]
     named = ", ".join(file.name for file in others[1:3])
     more = f" (so are {named}{' and others' if len(others) > 3 else ''})" if named else ""
     return LightFieldError(
         f"{others[0]}: surplus picture{more}; expected names that differ from {usual.name} only in their "
-        f"numbers; move it elsewhere, or say which pictures are views (--pattern '{_pattern_of(groups[0])}')"
+        "numbers; move it elsewhere, say which pictures are views (--pattern "
+        f"'{_pattern_of(groups[0])}'), or "
+        "give the grid if all are (--grid)"
     )
 
 

@@ -18,6 +18,9 @@ Array = npt.NDArray[np.float64]
 TABLE = "positions.csv"
 """Table of positions that is read on its own beside the pictures of a folder."""
 
+SAME_STEPS = 0.01
+"""Steps along the two axes that differ by less are the same."""
+
 # Closer than this share of a view step, a grid is regular: 0.01 px at a disparity of 10 px.
 _REGULAR = 1e-3
 # Further off, a camera is nearer to another one's place: views are in another order.
@@ -117,6 +120,18 @@ def off_the_grid(positions: Array, present: npt.NDArray[np.bool_] | None, what: 
             f"than {_IN_PLACE:g}; {_remedy(positions, there)}"
         )
     return None if furthest < _REGULAR else offsets
+
+
+def step_ratio(positions: Array, present: npt.NDArray[np.bool_] | None) -> float | None:
+    """Step down over step to the right of the grid that fits best; None for a single row or column."""
+    there = np.ones(positions.shape[:2], bool) if present is None else present
+    if 1 in positions.shape[:2] or not np.isfinite(positions[there]).all():
+        return None
+    places = np.indices(positions.shape[:2]).astype(float)
+    down, right = (
+        max(abs(_step(places[axis][there], positions[there][:, i]) or 0.0) for i in (0, 1)) for axis in (0, 1)
+    )
+    return down / right if right else None
 
 
 def _remedy(positions: Array, there: npt.NDArray[np.bool_]) -> str:

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from lfdepth.camera import Camera, CameraOptions
 from lfdepth.errors import LightFieldError
-from lfdepth.io.positions import off_the_grid, read_positions
+from lfdepth.io.positions import SAME_STEPS, off_the_grid, read_positions, step_ratio
 from lfdepth.io.scaling import scale_nearest, scale_view, scaled_size
 from lfdepth.io.white import apply_white, find_white, lift_undershoot
 from lfdepth.lightfield import LightField, angular_window, check_window
@@ -43,6 +43,8 @@ class ViewSource:
         How many views (V, U) around the reference view are read unless the caller says otherwise.
     close : callable
         Called when all views are read.
+    unusable : mapping of str to str
+        Masks that are damaged or not of the views' size, with the reason.
     white : float, optional
         Value of white, where the file states it.
     positions : ndarray, shape (V, U, 2), optional
@@ -67,6 +69,7 @@ class ViewSource:
     disparity_range: tuple[float, float] | None = None
     truth: npt.NDArray[np.float32] | None = None
     masks: Mapping[str, npt.NDArray[np.bool_]] = field(default_factory=dict)
+    unusable: Mapping[str, str] = field(default_factory=dict)
     name: str = "light field"
 
 
@@ -169,6 +172,7 @@ def _assemble(source: ViewSource, selection: Selection) -> LightField:
     white, remarks = _to_full_scale(views, whole, float(peaks.max()), source, selection)
     # Reordering an even grid moves the reference view, and the truth is that of the old one.
     same_reference = reference == (source.grid[0] // 2, source.grid[1] // 2)
+    positions, steps = _positions(source, selection, stored, present)
     truth = _checked_truth(selection.truth, whole, source.name)
     if truth is None and same_reference:
         truth = source.truth
@@ -179,9 +183,9 @@ def _assemble(source: ViewSource, selection: Selection) -> LightField:
         truth=None if truth is None else window.disparity(truth),
         masks={key: window.map(mask) for key, mask in source.masks.items()} if same_reference else {},
         present=None if present is None or present.all() else present,
-        positions=_positions(source, selection, stored, present),
+        positions=positions,
         white_level=white,
-        remarks=(*source.remarks, *remarks),
+        remarks=(*source.remarks, *remarks, *steps),
         name=source.name,
     )
 
@@ -222,13 +226,18 @@ def _positions(
     selection: Selection,
     stored: npt.NDArray[np.intp],
     present: npt.NDArray[np.bool_] | None,
-) -> npt.NDArray[np.float64] | None:
+) -> tuple[npt.NDArray[np.float64] | None, list[str]]:
+    """How far views lie off the regular grid, and remarks on its steps."""
     table = selection.positions
     positions = source.positions if table is None else read_positions(table, source.grid)
     if positions is None:
-        return None
+        return None, []
     what = source.name if table is None else str(table)
-    return off_the_grid(positions.reshape(-1, 2)[stored], present, what)
+    positions = positions.reshape(-1, 2)[stored]
+    offsets, ratio = off_the_grid(positions, present, what), step_ratio(positions, present)
+    if ratio is None or abs(ratio - 1) < SAME_STEPS:
+        return offsets, []
+    return offsets, [f"by the cameras' positions, a step down is {ratio:.3g} of a step to the right"]
 
 
 def _stored_positions(source: ViewSource, selection: Selection) -> npt.NDArray[np.intp]:

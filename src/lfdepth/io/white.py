@@ -84,7 +84,7 @@ def find_white(
         return (None if level == full else level), where
     if whole_type:
         white = _fewest_bits(peak) if full > WHITES[0] and peak > 0 else full
-        return (None if white == full else white), "no view has a brighter sample in more bits"
+        return (None if white == full else white), f"no sample takes more than {int(white).bit_length()} bits"
     if peak <= 1:
         return None, ""
     if peak <= WHITES[-1] and np.array_equal(reference, np.rint(reference.astype(np.float64))):

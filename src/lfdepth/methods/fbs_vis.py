@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from lfdepth.blocks.edges import DepthEdges, EdgeRule
 from lfdepth.blocks.energy import JointEnergy, JointRule
+from lfdepth.blocks.refine import RefineRule, refine_map
 from lfdepth.blocks.smoothing import GuidedFilter, guide_image
 from lfdepth.blocks.sweep import smoothed_votes
 from lfdepth.blocks.voting import VoteRule
@@ -79,6 +80,7 @@ class FbsVis(Method):
     edge_passes: Annotated[
         int, Whole("Passes over the depth edges; each moves them by at most a pixel.", ge=0, le=100)
     ] = 3
+    refine: Annotated[bool, Switch("Refine the map between planes by all views that see each pixel.")] = True
 
     def check(self, shape: Shape) -> None:
         """Windows have to fit the views."""
@@ -99,7 +101,7 @@ class FbsVis(Method):
     def run(self, problem: Problem, work: Work) -> Maps:
         """A first map, its visibility and edges, the second count, gloss, and the map."""
         lf, planes, engine, trace = problem.lf, problem.planes, work.engine, work.trace
-        trace.steps(len(planes) + 1 + self.visibility * (len(planes) + self.gloss + 2))
+        trace.steps(len(planes) + 1 + self.visibility * (len(planes) + self.gloss + self.refine + 2))
         rule = VoteRule(self.delta, self.threshold, self.gradient)
         with trace.block("preparation"):
             guide = guide_image(lf, self.guide)
@@ -134,6 +136,10 @@ class FbsVis(Method):
             disparity = edges.decide(disparity)
             confidence = edges.lower_confidence(confidence, disparity)
         trace.step("edges")
+        if self.refine:
+            with trace.block("refinement"):
+                disparity = refine_map(lf, disparity, RefineRule(), work.engine)
+            trace.step("refinement")
         return Maps(disparity, confidence)
 
     def _energy(self, problem: Problem, guide: NDArray[np.float32], work: Work) -> JointEnergy:

@@ -22,17 +22,20 @@ from lfdepth.engines.cpu.kernels import gloss as gloss_kernels
 from lfdepth.engines.cpu.kernels import matching as matching_kernels
 from lfdepth.engines.cpu.kernels import noise as noise_kernels
 from lfdepth.engines.cpu.kernels import photo as photo_kernels
+from lfdepth.engines.cpu.kernels import refine as refine_kernels
 from lfdepth.engines.cpu.kernels import surface as surface_kernels
 from lfdepth.engines.cpu.kernels import visibility as visibility_kernels
 from lfdepth.engines.cpu.kernels import voting as voting_kernels
-from lfdepth.engines.cpu.layout import ColourStack, GreyStack, NearestSurfaces, ViewsAsTheyAre
+from lfdepth.engines.cpu.layout import ColourStack, GreyStack, NearestSurfaces, SplineViews, ViewsAsTheyAre
 from lfdepth.engines.cpu.workers import Workers
 from lfdepth.engines.layout import (
     DISPARITY_LIMIT,
     DISPARITY_PARTS,
     ENERGY_SCALE,
+    GREY_WHITE,
     SHARE_LEVELS,
     VISIBILITY_MARGIN,
+    grey_levels,
     nearest_pixels,
     plane_horizon,
     shifts,
@@ -401,6 +404,89 @@ class CpuEngine:
         rows(height, surface_kernels.even_kernel, *place, target)
         return target
 
+    # --- refinement between planes
+
+    def spline_views(self, lf: LightField, chosen: Bool) -> SplineViews:
+        """Coefficients, and what the kernels have to know of the views."""
+        at = np.argwhere(chosen)
+        pad = 2 * refine_kernels.PAD
+        data = np.empty((len(at), lf.height + pad, lf.width + pad), np.float32)
+        scale = np.float32(255 / lf.full_scale)
+        self.workers.rows(len(at), refine_kernels.spline_kernel, lf.views, scale, at, data)
+        origin = grey_levels(lf.reference) * np.float32(255 / GREY_WHITE)
+        return SplineViews(data, at, chosen, lf.offsets, origin)
+
+    def ask_views(
+        self,
+        views: SplineViews,
+        disparity: Float,
+        *,
+        margin: float,
+        high_pass: float,
+        noise_blur: float,
+        least_noise: float,
+        fewest: int,
+        farthest: float,
+        halving: float,
+        jump: float,
+        rims: tuple[float, ...],
+    ) -> tuple[Float, Float, Float]:
+        """Moments over the views that see each pixel, and what follows from them."""
+        height, width = disparity.shape
+        rows, single = self.workers.rows, np.float32
+        surfaces = self._splat(disparity, views.chosen, views.offsets, 0, width, None)
+        moments = np.empty((height, refine_kernels.MOMENTS, width), single)
+        seen = (surfaces.data, single(margin), views.origin, moments)
+        rows(height, refine_kernels.moments_kernel, disparity, views.data, views.standing, *seen)
+        maps, spreads = np.empty((4, height, width), single), np.empty((3, height, width), single)
+        rows(height, refine_kernels.slopes_kernel, moments, views.origin, fewest, maps, spreads)
+        fine, taps = np.empty_like(maps[:3]), _gaussian(high_pass)
+        for index in range(3):
+            rows(height, refine_kernels.blur_kernel, maps[index], taps, True, fine[index])
+        differing = maps[3][maps[3] > 0]
+        typical = float(np.median(differing)) if differing.size else 0.0
+        noise = np.maximum(self.blur(maps[3], noise_blur), single(max(typical, least_noise)))
+        step, weight, trusted = (np.empty_like(disparity) for _ in "123")
+        rule = (single(farthest), single(halving), single(jump))
+        near, out = np.array(rims, single), (step, weight, trusted)
+        rows(height, refine_kernels.evidence_kernel, fine, spreads, noise, disparity, rule, near, *out)
+        return step, weight, trusted
+
+    def fit_steps(
+        self,
+        disparity: Float,
+        target: Float,
+        strength: Float,
+        guide: Float,
+        *,
+        radius: int,
+        spacing: int,
+        gate: float,
+        ridge: float,
+        sharpness: float,
+    ) -> Float:
+        """Planes fitted to targets."""
+        out, planar = np.empty_like(disparity), _planar(guide)
+        flat = [each.reshape(-1) for each in (disparity, target, strength)]
+        likeness = (np.float32(gate), np.float32(sharpness), np.float32(ridge))
+        place = (planar, guide.shape, (radius, spacing))
+        self.workers.rows(len(out), surface_kernels.fit_kernel, *flat, *place, *likeness, out)
+        return out
+
+    def even_lattices(self, disparity: Float, guide: Float, *, gate: float, sharpness: float) -> Float:
+        """Means over pairs of opposite pixels."""
+        out, planar = np.empty_like(disparity), _planar(guide)
+        likeness = (np.float32(gate), np.float32(sharpness))
+        place = (disparity.reshape(-1), planar, guide.shape)
+        self.workers.rows(len(out), surface_kernels.even_kernel, *place, *likeness, out)
+        return out
+
+    def blur(self, image: Float, deviation: float) -> Float:
+        """Separable Gaussian mean."""
+        out = np.empty_like(image)
+        self.workers.rows(len(out), refine_kernels.blur_kernel, image, _gaussian(deviation), False, out)
+        return out
+
     # --- depth edges and noise
 
     def views(self, lf: LightField) -> ViewsAsTheyAre:
@@ -557,3 +643,15 @@ def _placed_visibility(
     down, across = nearest_pixels(stack.offsets, disparity)
     front = (surfaces.disparity > disparity + VISIBILITY_MARGIN).astype(np.int16)
     return surfaces.data, surfaces.rows, down, stack.inside(across), front, plane_horizon(disparity)
+
+
+def _planar(guide: Float) -> Float:
+    """A guide (H, W, C) laid out channel by channel, flat."""
+    return np.ascontiguousarray(np.moveaxis(guide, 2, 0), np.float32).reshape(-1)
+
+
+def _gaussian(deviation: float) -> Float:
+    """Weights of a Gaussian mean, out to four standard deviations."""
+    reach = int(np.ceil(4 * deviation))
+    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation) ** 2)
+    return np.asarray(weights / weights.sum(), np.float32)

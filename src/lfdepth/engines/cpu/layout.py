@@ -12,11 +12,11 @@ from lfdepth.engines.layout import (
     COLOUR_UNIT,
     UNKNOWN_SURFACE,
     Shifts,
+    check_within,
     colour_levels,
     grey_levels,
     shifts,
 )
-from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
 
 PAD = 16
@@ -122,13 +122,25 @@ class ViewsAsTheyAre:
     offsets: NDArray[np.float64]
 
 
-def check_within(disparity: float, reach: float) -> None:
-    """Raise LightFieldError where a plane lies beyond what views were prepared for."""
-    if not abs(disparity) <= reach + 1e-9:
-        raise LightFieldError(
-            f"disparity: found a plane at {disparity:g}, expected |D| of at most {reach:g} px per view step, "
-            "for which the views were prepared; prepare them for more"
-        )
+@dataclass(frozen=True, eq=False)
+class SplineViews:
+    """Cubic B-spline coefficients (N, H + 2·PAD, W + 2·PAD) of the luma of N views, in 8-bit levels.
+
+    `at` (N, 2) are their places in the grid, where they are `chosen` (V, U); `origin` (H, W) is the luma of
+    the reference view.
+    """
+
+    data: NDArray[np.float32]
+    at: NDArray[np.int64]
+    chosen: NDArray[np.bool_]
+    offsets: NDArray[np.float64]
+    origin: NDArray[np.float32]
+
+    @property
+    def standing(self) -> tuple[NDArray[np.int64], NDArray[np.float32], NDArray[np.float32]]:
+        """Index of each view in the grid, and its view steps down and across from the reference view."""
+        down, across = self.offsets[self.chosen].astype(np.float32).T.copy()
+        return self.at[:, 0] * self.chosen.shape[1] + self.at[:, 1], down, across
 
 
 def _margin(lf: LightField, reach: float) -> int:
