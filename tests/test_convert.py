@@ -168,7 +168,7 @@ def test_folder_of_views_as_others_read_it(tmp_path: Path) -> None:
     write(tmp_path / "scene", KNOWN)
     views = {f"view_v{v:02d}_u{u:02d}.png" for v in range(3) for u in range(5)}
     names = {entry.name for entry in (tmp_path / "scene").iterdir()}
-    assert names == views | {"lightfield.json", "truth.pfm", "masks"}
+    assert names == views | {"lightfield.json", "truth.pfm", "masks", ".lfdepth.json"}
     for v, u in np.ndindex(3, 5):
         picture = imagecodecs.png_decode((tmp_path / f"scene/view_v{v:02d}_u{u:02d}.png").read_bytes())
         np.testing.assert_array_equal(picture, VIEWS[v, u])
@@ -265,6 +265,7 @@ def test_interrupted_writing_leaves_what_was_there(
             return original(self, target)
 
         monkeypatch.setattr(Path, act, interrupted)
+    monkeypatch.setattr("lfdepth.io.atomic._exchange", lambda first, second: interrupted(first, second))
     with pytest.raises((KeyboardInterrupt, LightFieldError)):
         write(tmp_path / name, replace(lf, views=lf.views // 2))
     assert {entry: entry.read_bytes() for entry in sorted(tmp_path.rglob("*")) if entry.is_file()} == before

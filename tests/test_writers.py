@@ -171,7 +171,7 @@ def test_infinite_depth_needs_a_float_format(tmp_path: Path) -> None:
 def test_depth_png_is_no_disparity(tmp_path: Path) -> None:
     write(tmp_path / "depth.png", MAP, scene=SCENE, quantity="depth")
     with pytest.raises(
-        LightFieldError, match=r"depth\.json: depth with scale .*; expected the quantity disparity"
+        LightFieldError, match=r"depth\.png: depth with scale .*; expected the quantity disparity"
     ):
         read_disparity(tmp_path / "depth.png")
 

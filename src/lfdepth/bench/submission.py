@@ -207,7 +207,7 @@ def check_submission(archive: Path | str) -> tuple[str, ...]:
             return tuple(_problems(source, Path(scratch)))
     except FileNotFoundError:
         raise LightFieldError(f"{archive}: no such file; expected a zip; check the path") from None
-    except (zipfile.BadZipFile, OSError, EOFError, NotImplementedError, RuntimeError) as error:
+    except Exception as error:  # damaged archives make zipfile raise many kinds
         raise LightFieldError(
             f"{archive}: not a readable zip ({error}); expected a submission; make it again"
         ) from None
@@ -231,6 +231,8 @@ def _problems(source: zipfile.ZipFile, scratch: Path) -> Iterator[str]:
             yield f"{name}: missing; expected it for each of the twelve scenes; add it"
         elif (size := source.getinfo(top + name).file_size) > _LARGEST:
             yield f"{name}: {size} bytes; expected at most {_LARGEST}; write it again"
+        elif source.getinfo(top + name).compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            yield f"{name}: packed otherwise than by deflate; expected that; make the zip again"
         else:
             yield from _file_problems(source, top + name, scratch / PurePosixPath(name).name, name, check)
 

@@ -378,9 +378,9 @@ def mask(
         Number of threads; every processor by default.
     """
     from lfdepth.io.atomic import check_target
-    from lfdepth.render.refocus import foreground_masks, holds_masks, write_masks
+    from lfdepth.render.refocus import foreground_masks, write_masks
 
-    check_target(output, replaceable=holds_masks)
+    check_target(output, folder=True)
     lf = reading.read(scene)
     masks = foreground_masks(lf, source.of(lf, reading, threads), foreground_of, at=at)
     write_masks(output, masks, lf)

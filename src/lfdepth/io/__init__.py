@@ -14,6 +14,7 @@ from lfdepth.errors import LightFieldError
 from lfdepth.io.benchmark import read_high_resolution
 from lfdepth.io.formats import FORMATS, Format, find_format
 from lfdepth.io.layout import Layout
+from lfdepth.io.limits import check_file
 from lfdepth.io.maps import (
     POINTS,
     WRITABLE,
@@ -30,6 +31,7 @@ from lfdepth.io.record import Record, as_depth, as_record, checked_map
 from lfdepth.io.source import Selection, assemble
 from lfdepth.io.stack import unreadable
 from lfdepth.io.truth import read_truth
+from lfdepth.io.unchanged import unchanged
 from lfdepth.io.white import check_white_level
 from lfdepth.io.writing import check_light_field_writable, write_light_field
 from lfdepth.lightfield import LightField
@@ -150,6 +152,7 @@ def read(
     path = Path(path)
     _check_grid(grid)
     camera = CameraOptions(baseline_mm, focal_length_mm, sensor_size_mm, focus_distance_m)
+    check_file(path)
     check_white_level(white_level)
     known = find_format(path, format)
     layout = Layout(grid, partial, _checked_pattern(pattern, known), _checked_axes(axes, known))
@@ -169,11 +172,12 @@ def read(
         camera=camera,
     )
     try:
-        source = known.open(path, layout)
-        if source.unusable and unusable is None:
-            source.close()
-            raise LightFieldError(next(iter(source.unusable.values())))
-        lf = assemble(source, selection)
+        with unchanged(path):
+            source = known.open(path, layout)
+            if source.unusable and unusable is None:
+                source.close()
+                raise LightFieldError(next(iter(source.unusable.values())))
+            lf = assemble(source, selection)
     except OSError as error:  # a folder where a file should be, missing permissions
         raise unreadable(path, error) from None
     if unusable is not None:

@@ -17,6 +17,7 @@ from lfdepth.camera import Camera
 from lfdepth.errors import LightFieldError
 from lfdepth.io.atomic import atomic_folder
 from lfdepth.io.layout import Layout, size
+from lfdepth.io.limits import check_grid, check_inside, read_text
 from lfdepth.io.pfm import read_pfm, write_pfm
 from lfdepth.io.picture import checked_name, read_picture, write_picture
 from lfdepth.io.record import Record, checked_map
@@ -26,7 +27,6 @@ from lfdepth.truth import HighResolution
 
 _VIEW = re.compile(r"input_Cam(\d+)\.png")
 _CONFIG = "parameters.cfg"
-_MARK = "# Written by lfdepth"
 
 
 @dataclass(frozen=True)
@@ -85,9 +85,11 @@ def open_benchmark(path: Path, layout: Layout) -> ViewSource:
         If views are missing and it is not meant, or there are too many; if `parameters.cfg` is garbled or
         contradicts the files or the grid asked for; if the truth is damaged or of another size.
     """
-    parameters = read_parameters(path / _CONFIG) if (path / _CONFIG).exists() else None
     files = _view_files(path)
+    check_inside(path, [*files.values(), path / _CONFIG, path / _LOW.truth])
+    parameters = read_parameters(path / _CONFIG) if (path / _CONFIG).exists() else None
     grid = parameters.grid if parameters else layout.of_count(max(files, default=-1) + 1, str(path))
+    check_grid(path, grid)
     present = _present(path, files, grid, layout)
     if parameters:
         _check_resolution(next(iter(files.values())), parameters.camera)
@@ -122,7 +124,7 @@ def write_benchmark(
 ) -> None:
     """Write a folder in the benchmark's layout, which many tools read.
 
-    An empty folder, or one that was written so, is replaced.
+    A folder is replaced if it is empty or was written so and holds nothing else.
 
     Parameters
     ----------
@@ -151,7 +153,7 @@ def write_benchmark(
             f"{path}: the {absent} is unknown; expected it for {_CONFIG}; give it, or write a plain "
             "folder of views"
         )
-    with atomic_folder(path, holds_benchmark) as folder:
+    with atomic_folder(path) as folder:
         for number, (v, u) in enumerate(np.ndindex(*lf.shape[:2])):
             if lf.present is None or lf.present[v, u]:
                 write_picture(folder / _view_name(number), lf.views[v, u])
@@ -179,18 +181,6 @@ def _write_truth(
         write_picture(folder / resolution.mask(checked_name(name, folder)), values[..., None])
 
 
-def holds_benchmark(path: Path) -> bool:
-    """Whether a folder is empty, or holds nothing but what `write_benchmark` puts there."""
-    names = {entry.name for entry in path.iterdir()}
-    others = names - {_CONFIG, _LOW.truth, _HIGH.truth}
-    known = all(_VIEW.fullmatch(name) or _LOW.mask_name(name) or _HIGH.mask_name(name) for name in others)
-    return not names or (known and _is_marked(path / _CONFIG))
-
-
-def _is_marked(config: Path) -> bool:
-    return config.is_file() and config.read_text(encoding="utf-8", errors="replace").startswith(_MARK)
-
-
 def _parameters_text(
     shape: tuple[int, ...],
     camera: Camera,
@@ -201,7 +191,7 @@ def _parameters_text(
     x, y = camera.principal_point
     axis = f"principal_point_x_px = {x!r}\nprincipal_point_y_px = {y!r}\n" if camera.centre else ""
     kind = f"category = {category}\n" if category else ""
-    return f"""{_MARK}
+    return f"""# Written by lfdepth
 [intrinsics]
 focal_length_mm = {camera.focal_length_mm!r}
 image_resolution_x_px = {camera.width}
@@ -231,7 +221,7 @@ def read_parameters(path: Path) -> Parameters:
     """
     config = ConfigParser(interpolation=None)
     try:
-        config.read_string(path.read_text(encoding="utf-8"))
+        config.read_string(read_text(path))
     except (OSError, UnicodeDecodeError, ConfigError) as error:
         reason = " ".join(str(error).split())[:100]
         raise LightFieldError(
@@ -344,6 +334,7 @@ def read_high_resolution(folder: Path | str) -> HighResolution | None:
     folder = Path(folder)
     if not (folder / _HIGH.truth).exists():
         return None
+    check_inside(folder, [folder / _HIGH.truth])
     truth = read_pfm(folder / _HIGH.truth)
     masks, unusable = _masks_of_size(_HIGH.masks(folder), truth.shape)
     return HighResolution(truth, masks, unusable)
@@ -364,6 +355,7 @@ def _masks_of_size(
     unusable: dict[str, str] = {}
     for name, file in files.items():
         try:
+            check_inside(file.parent, [file])
             mask = read_picture(file)[..., 0]
         except LightFieldError as error:
             unusable[name] = str(error)

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from lfdepth.errors import LightFieldError
-from lfdepth.io import stack
 from lfdepth.io.atomic import atomic
 from lfdepth.io.extras import need
+from lfdepth.io.openexr import read_channels
 from lfdepth.io.record import Record
 
 _CHANNELS = {"disparity": "Y", "depth": "Z"}
@@ -34,16 +34,10 @@ def read_exr(path: Path) -> dict[str, npt.NDArray[Any]]:
     Raises
     ------
     LightFieldError
-        If OpenEXR is not installed, or the file is damaged.
+        If the file is damaged, or of a kind that `read_channels` does not read.
     """
-    openexr = need("OpenEXR", "exr", path)
-    try:
-        with openexr.File(str(path)) as file:
-            channels = {name: np.asarray(channel.pixels) for name, channel in file.channels().items()}
-    except Exception as error:  # the library raises RuntimeError and others
-        raise stack.unreadable(path, error) from None
     quantities = {channel: quantity for quantity, channel in _CHANNELS.items()}
-    return {quantities.get(name, name): pixels for name, pixels in channels.items()}
+    return {quantities.get(name, name): pixels for name, pixels in read_channels(path).items()}
 
 
 def read_colours(path: Path) -> tuple[npt.NDArray[np.float32], str]:
@@ -61,14 +55,9 @@ def read_colours(path: Path) -> tuple[npt.NDArray[np.float32], str]:
     Raises
     ------
     LightFieldError
-        If OpenEXR is not installed, the file is damaged, or has no such channels.
+        If the file is damaged, of a kind that `read_channels` does not read, or has no such channels.
     """
-    openexr = need("OpenEXR", "exr", path)
-    try:
-        with openexr.File(str(path), separate_channels=True) as file:
-            channels = {name: np.asarray(channel.pixels) for name, channel in file.channels().items()}
-    except Exception as error:  # the library raises RuntimeError and others
-        raise stack.unreadable(path, error) from None
+    channels = read_channels(path)
     layers = {name.rpartition(".")[0] for name in channels}
     for layer in sorted(layers, key=lambda name: (name != "", not name.endswith("Combined"), name)):
         named = {

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from lfdepth.errors import LightFieldError
+from lfdepth.io import limits
 from lfdepth.io.atomic import atomic_folder
 from lfdepth.io.layout import Layout, size
 from lfdepth.io.names import Name, camera_positions, check_grid, find_views, pictures, place_views, subfolders
@@ -52,6 +53,7 @@ def open_folder(path: Path, layout: Layout) -> ViewSource:
         If names do not fit together, views are missing and it is not meant, or the grid is not the one
         asked for.
     """
+    limits.check_inside(path, [path / FILE, path / TABLE])
     notes = read_notes(path / FILE)
     if notes is not None:
         return _open_own(path, layout, notes)
@@ -71,11 +73,11 @@ def write_folder(path: Path, lf: LightField) -> None:
     """Write a picture for each view, `view_v00_u00.png`, and what else is known of the light field.
 
     Float views become TIFF. Notes are in `lightfield.json`, the truth in `truth.pfm`, masks in the folder
-    `masks`. A folder that is empty, or holds nothing but these, is replaced.
+    `masks`. A folder is replaced if it is empty or was written so and holds nothing else.
     """
     ending = "tif" if lf.views.dtype == np.float32 else "png"
     digits = max(2, len(str(max(lf.shape[:2]) - 1)))
-    with atomic_folder(path, holds_views) as folder:
+    with atomic_folder(path) as folder:
         for v, u in np.ndindex(*lf.shape[:2]):
             if lf.present is None or lf.present[v, u]:
                 write_picture(folder / f"view_v{v:0{digits}d}_u{u:0{digits}d}.{ending}", lf.views[v, u])
@@ -88,26 +90,20 @@ def write_folder(path: Path, lf: LightField) -> None:
             write_mask(folder / _MASKS / f"{checked_name(name, path)}.png", mask)
 
 
-def holds_views(path: Path) -> bool:
-    """Whether a folder is empty, or holds nothing but what `write_folder` puts there."""
-    names = {entry.name for entry in path.iterdir()} - {_TRUTH, _MASKS}
-    others = names - {FILE}
-    if not names:
-        return not any(path.iterdir())
-    return read_notes(path / FILE) is not None and all(map(_OWN.fullmatch, others))
-
-
 def _open_own(path: Path, layout: Layout, notes: Notes) -> ViewSource:
     """A folder that `write_folder` wrote: names are positions in the grid that the notes tell."""
     grid = notes.shape[:2]
+    limits.check_grid(path, grid)
     check_grid(path, grid, layout)
     source = _source(path, _own_files(path, grid), grid, Layout(partial=True))
     if source.present is not None:
         missing = ~source.present if notes.present is None else ~source.present & notes.present
         row, column = divmod(int(np.argmax(missing)), grid[1])
         layout.checked(~missing, str(path), f"row {row}, column {column}")
+    mask_files = sorted((path / _MASKS).glob("*.png"))
+    limits.check_inside(path, [path / _TRUTH, path / _MASKS, *mask_files])
     truth = {TRUTH: read_pfm(path / _TRUTH)} if (path / _TRUTH).exists() else {}
-    masks = {f"{MASK}{file.stem}": read_picture(file) for file in sorted((path / _MASKS).glob("*.png"))}
+    masks = {f"{MASK}{file.stem}": read_picture(file) for file in mask_files}
     return replace(notes.annotate(source, truth | masks), present=source.present)
 
 
@@ -148,6 +144,7 @@ def _placed(
 def _source(
     path: Path, files: dict[tuple[int, int], Path], grid: tuple[int, int], layout: Layout
 ) -> ViewSource:
+    limits.check_grid(path, grid)
     present = np.zeros(grid, dtype=bool)
     for position in files:
         present[position] = True

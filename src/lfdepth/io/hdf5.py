@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from io import FileIO
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from lfdepth.camera import Camera
-from lfdepth.io import signature, stack
+from lfdepth.errors import LightFieldError
+from lfdepth.io import limits, signature, stack
 from lfdepth.io.atomic import atomic
 from lfdepth.io.extras import need
 from lfdepth.io.layout import Layout
+from lfdepth.io.limits import readable
 from lfdepth.io.notes import KEY, Bundle
 from lfdepth.io.source import ViewSource
 from lfdepth.lightfield import LightField
@@ -47,12 +50,13 @@ def open_hdf5(path: Path, layout: Layout) -> ViewSource:
     """
     file = open_file(path, "hdf5")
     try:
-        arrays = datasets(file)
-        text = file.attrs.get(KEY)
-        source = stack.open_arrays(arrays, text, path, layout, close=file.close, matlab=True)
-        if "LF" in arrays and {"dH", "focalLength", "shift"} <= set(file.attrs):
-            return _older_benchmark(source, file, arrays)
-        return source
+        with readable(path):
+            arrays = datasets(file)
+            text = file.attrs.get(KEY)
+            source = stack.open_arrays(arrays, text, path, layout, close=file.close, matlab=True)
+            if "LF" in arrays and {"dH", "focalLength", "shift"} <= set(file.attrs):
+                return _older_benchmark(source, file, arrays)
+            return source
     except BaseException:
         file.close()
         raise
@@ -62,19 +66,60 @@ def write_views_hdf5(path: Path, lf: LightField) -> None:
     """Write the dataset `LF` (V, U, H, W, C); truth and masks beside it, the notes as an attribute."""
     h5py = need("h5py", "hdf5", path)
     bundle = Bundle.of(lf)
-    with atomic(path) as temporary, h5py.File(temporary, "w") as file:
-        for name, array in bundle.arrays.items():
-            file.create_dataset(name, data=array)
-        file.attrs[KEY] = bundle.text
+    with atomic(path) as temporary, temporary.open("rb+", buffering=0) as raw:
+        target = _Target(raw)
+        with h5py.File(target, "w") as file:
+            for name, array in bundle.arrays.items():
+                file.create_dataset(name, data=array)
+            file.attrs[KEY] = bundle.text
+        if target.error is not None:
+            raise target.error
+
+
+class _Target:
+    """A file that HDF5 writes to, which keeps an error for later: the library does not come through one."""
+
+    def __init__(self, raw: FileIO) -> None:
+        self._raw = raw
+        self.error: OSError | None = None
+
+    def write(self, data: Any) -> int:
+        left = memoryview(data).cast("B")
+        while len(left) and self.error is None:
+            try:
+                left = left[self._raw.write(left) :]
+            except OSError as error:
+                self.error = error
+        return memoryview(data).nbytes
+
+    def truncate(self, size: int | None = None) -> int:
+        try:
+            return self._raw.truncate(size)
+        except OSError as error:
+            self.error = self.error or error
+            return size or 0
+
+    def readinto(self, buffer: Any) -> int:
+        return self._raw.readinto(buffer) or 0
+
+    def read(self, size: int = -1) -> bytes:
+        return self._raw.read(size) or b""
+
+    def seek(self, offset: int, whence: int = 0) -> int:
+        return self._raw.seek(offset, whence)
+
+    def tell(self) -> int:
+        return self._raw.tell()
+
+    def flush(self) -> None:
+        self._raw.flush()
 
 
 def open_file(path: Path, extra: str) -> Any:
     """Open an HDF5 file with h5py."""
     h5py = need("h5py", extra, path)
-    try:
+    with readable(path):
         return h5py.File(path, "r")
-    except OSError as error:
-        raise stack.unreadable(path, error) from None
 
 
 def read_hdf5(path: Path) -> dict[str, Any]:
@@ -83,15 +128,39 @@ def read_hdf5(path: Path) -> dict[str, Any]:
 
 
 def datasets(file: Any) -> dict[str, Any]:
-    """All arrays of numbers in an HDF5 file by their path in it."""
+    """All arrays of numbers in an HDF5 file by their path in it.
+
+    Raises
+    ------
+    LightFieldError
+        If the file is damaged, or an array is somewhere else than in it, or asks for more memory than it may.
+    """
     found = {}
+    path = Path(file.filename)
 
     def visit(name: str, item: Any) -> None:
         if hasattr(item, "shape") and item.shape is not None and item.dtype.kind in "uif":
+            _check_dataset(item, path)
             found[name] = item
 
-    file.visititems(visit)
+    with readable(path):
+        file.visititems(visit)
     return found
+
+
+def _check_dataset(item: Any, path: Path) -> None:
+    elsewhere = [name for name, _, _ in item.external or ()]
+    if item.is_virtual:
+        elsewhere += [source.file_name for source in item.virtual_sources() if source.file_name != "."]
+    if elsewhere:
+        raise LightFieldError(
+            f"{path}: samples of {item.name} are in another file ({elsewhere[0]}), which is not opened; "
+            "expected them in this one; if you trust it, copy them into one (h5repack)"
+        )
+    stored = item.id.get_storage_size()
+    limits.check_unpacked(path, item.shape, item.dtype.itemsize, stored=stored, whole=False)
+    if item.chunks:
+        limits.check_unpacked(path, item.chunks, item.dtype.itemsize, stored=stored)
 
 
 def _older_benchmark(source: ViewSource, file: Any, arrays: dict[str, Any]) -> ViewSource:
@@ -140,6 +209,6 @@ def _camera(
 
 def _truth(depth: npt.NDArray[Any], scale: float, shift: float) -> npt.NDArray[np.float32] | None:
     """Disparity from depth in metres, NaN or infinite where there is none; None if there is none at all."""
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         disparity = (scale / np.asarray(depth, np.float64) - shift).astype(np.float32)
     return disparity if np.isfinite(disparity).any() else None

@@ -14,12 +14,15 @@ from lfdepth.io import quilt
 from lfdepth.io.atomic import check_target
 from lfdepth.io.exr import read_exr, write_exr
 from lfdepth.io.extras import need
+from lfdepth.io.limits import check_file, readable
 from lfdepth.io.notes import read_notes
 from lfdepth.io.npy import axes_of_npy, read_npy, read_npz, write_npy, write_npz
 from lfdepth.io.pfm import read_pfm, write_pfm
-from lfdepth.io.png import read_png, scale_file, write_png
+from lfdepth.io.png import has_scale, read_png, scale_file, write_png
+from lfdepth.io.png_text import text_in
 from lfdepth.io.record import Record, checked_map
 from lfdepth.io.tiff import pages_of_tiff, read_tiff, write_tiff
+from lfdepth.io.unchanged import unchanged
 from lfdepth.io.zarr_store import is_zarr, read_zarr, write_zarr
 
 _WRITERS = {
@@ -66,7 +69,7 @@ def check_writable(path: str | Path) -> None:
     check_ending(path, WRITABLE)
     if ending in _LIBRARIES:
         need(*_LIBRARIES[ending], path)
-    check_target(path, replaceable=is_zarr if ending == ".zarr" else None)
+    check_target(path, folder=ending == ".zarr")
     if ending == ".png":
         _check_scale_file(path)
 
@@ -94,7 +97,9 @@ def is_map(path: str | Path) -> bool:
     if ending not in READABLE or not path.is_file():
         return False
     if ending == ".png":
-        return scale_file(path).exists() and read_notes(scale_file(path)) is None
+        return has_scale(path) or (
+            text_in(path) is None and scale_file(path).exists() and read_notes(scale_file(path)) is None
+        )
     if ending == ".npz":
         return "disparity" in read_npz(path)
     if ending == ".npy":
@@ -130,7 +135,9 @@ def read_disparity(
         If the ending is unknown, the file is missing or damaged, or the map is not finite.
     """
     name = variable or "disparity"
-    return checked_map(_array(_read(Path(path), name)[name]), str(path), finite=finite)
+    path = Path(path)
+    with unchanged(path):
+        return checked_map(_array(path, _read(path, name)[name]), str(path), finite=finite)
 
 
 def read_confidence(path: str | Path) -> npt.NDArray[np.float32] | None:
@@ -151,7 +158,9 @@ def read_confidence(path: str | Path) -> npt.NDArray[np.float32] | None:
     LightFieldError
         If the ending is unknown, the file is missing or damaged, or its confidence is no finite map.
     """
-    return _confidence(Path(path), _read(Path(path)))
+    path = Path(path)
+    with unchanged(path):
+        return _confidence(path, _read(path))
 
 
 def read_record(path: str | Path) -> Record:
@@ -163,14 +172,18 @@ def read_record(path: str | Path) -> Record:
         As `read_disparity` and `read_confidence`.
     """
     path = Path(path)
-    found = _read(path)
-    ends = [float(end) for end in np.ravel(_array(found["range"]))] if "range" in found else None
+    with unchanged(path), readable(path):
+        return _record(path, _read(path))
+
+
+def _record(path: Path, found: Mapping[str, Any]) -> Record:
+    ends = [float(end) for end in np.ravel(_array(path, found["range"]))] if "range" in found else None
     return Record(
-        checked_map(_array(found["disparity"]), str(path)),
+        checked_map(_array(path, found["disparity"]), str(path)),
         confidence=_confidence(path, found),
         range=(ends[0], ends[1]) if ends is not None and len(ends) == 2 else None,
-        runtime=float(_array(found["runtime"])) if "runtime" in found else None,
-        parameters=str(_array(found["parameters"])) if "parameters" in found else None,
+        runtime=float(_array(path, found["runtime"])) if "runtime" in found else None,
+        parameters=str(_array(path, found["parameters"])) if "parameters" in found else None,
     )
 
 
@@ -197,6 +210,7 @@ def _read(path: Path, name: str = "disparity") -> Mapping[str, Any]:
     check_ending(path, READABLE)
     if not path.exists():
         raise LightFieldError(f"{path}: no such file; expected a disparity map; check the path")
+    check_file(path)
     ending = path.suffix.lower()
     if ending in _BARE:
         return {name: _BARE[ending](path)}
@@ -212,9 +226,12 @@ def _read(path: Path, name: str = "disparity") -> Mapping[str, Any]:
 def _confidence(path: Path, found: Mapping[str, Any]) -> npt.NDArray[np.float32] | None:
     if "confidence" not in found:
         return None
-    return checked_map(_array(found["confidence"]), f"{path}: confidence")
+    return checked_map(_array(path, found["confidence"]), f"{path}: confidence")
 
 
-def _array(value: Any) -> npt.NDArray[Any]:
+def _array(path: Path, value: Any) -> npt.NDArray[Any]:
     """In memory, whatever part of a file it was."""
-    return np.array(value[...] if hasattr(value, "shape") else value)
+    if not hasattr(value, "shape"):
+        return np.array(value)
+    with readable(path):
+        return np.array(value[...])

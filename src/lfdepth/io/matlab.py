@@ -14,6 +14,7 @@ from lfdepth.io import hdf5, signature, stack
 from lfdepth.io.atomic import atomic
 from lfdepth.io.extras import need
 from lfdepth.io.layout import Layout
+from lfdepth.io.mat5 import check_mat5
 from lfdepth.io.notes import KEY, Bundle, parse_notes
 from lfdepth.io.source import ViewSource
 from lfdepth.lightfield import LightField
@@ -69,7 +70,10 @@ def read_mat(path: Path) -> dict[str, Any]:
 def _variables(path: Path) -> dict[str, Any]:
     scipy_io = need("scipy.io", "mat", path)
     try:
+        check_mat5(path)
         variables: dict[str, Any] = scipy_io.loadmat(path, simplify_cells=True)
+    except LightFieldError:
+        raise
     except Exception as error:  # SciPy lets struct.error, zlib.error, TypeError and others through
         raise stack.unreadable(path, error) from None
     return variables

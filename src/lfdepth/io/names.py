@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lfdepth.errors import LightFieldError
+from lfdepth.io import limits
 from lfdepth.io.layout import Layout, size
 from lfdepth.io.picture import ENDINGS
 
@@ -97,9 +98,11 @@ class Found:
 
 def pictures(path: Path) -> list[Path]:
     """The pictures in a folder."""
-    return sorted(
+    found = sorted(
         file for file in path.iterdir() if file.suffix.lower() in ENDINGS and not file.name.startswith(".")
     )
+    limits.check_inside(path, found)
+    return found
 
 
 def subfolders(path: Path) -> list[Path]:
@@ -172,6 +175,7 @@ def camera_positions(
     """Where the cameras of views stand by their names, (V, U, 2), NaN where a view is absent; or None."""
     if any(name.position is None for name in names):
         return None
+    limits.check_grid(names[0].file.parent, grid)
     positions = np.full((*grid, 2), np.nan)
     for name, place in zip(names, places, strict=True):
         positions[place] = name.position

@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
-from math import inf, isfinite
+from math import inf, isfinite, prod
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from lfdepth.camera import Camera
 from lfdepth.errors import LightFieldError
-from lfdepth.io.atomic import atomic
+from lfdepth.io.limits import read_text, readable
 from lfdepth.io.record import checked_map
 from lfdepth.io.source import ViewSource
 from lfdepth.lightfield import LightField, check_range
@@ -139,7 +139,7 @@ def parse_notes(text: object, what: str) -> Notes | None:
     """
     try:
         known = json.loads(str(text))
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     if not (isinstance(known, dict) and known.get(KEY) == _FORMAT):
         return None
@@ -158,7 +158,7 @@ def parse_notes(text: object, what: str) -> Notes | None:
             raise ValueError(f"present is {notes.present.shape}")
         if notes.positions is not None and notes.positions.shape != (*notes.shape[:2], 2):
             raise ValueError(f"positions are {notes.positions.shape}")
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, AttributeError) as error:
         raise LightFieldError(
             f"{what}: garbled ({' '.join(str(error).split())[:100]}); expected shape, present, "
             "disparity_range and camera as lfdepth writes them; write the light field again"
@@ -169,7 +169,7 @@ def parse_notes(text: object, what: str) -> Notes | None:
 def read_notes(path: Path) -> Notes | None:
     """Notes in a JSON file; None if there is none, or it is about something else."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_text(path)
     except (FileNotFoundError, NotADirectoryError, IsADirectoryError, UnicodeDecodeError):
         return None
     return parse_notes(text, str(path))
@@ -180,37 +180,22 @@ def beside(path: Path) -> Path:
     return path.with_suffix(".json")
 
 
-def write_beside(path: Path, lf: LightField) -> None:
-    """Write the notes of a file that cannot hold them.
-
-    Raises
-    ------
-    LightFieldError
-        If a file of that name is there and holds something else, such as the scale of a map.
-    """
-    file = beside(path)
-    if file.exists() and read_notes(file) is None:
-        raise LightFieldError(
-            f"{file}: holds something else; expected to write there what {path.name} cannot hold; choose "
-            "another name"
-        )
-    with atomic(file) as temporary:
-        temporary.write_text(notes_of(lf).text(), encoding="utf-8")
-
-
 def _map(values: Any, size: tuple[int, ...], what: str) -> npt.NDArray[np.float32]:
     """A map as (H, W), whatever axes of length 1 its format dropped or added."""
-    array = np.asarray(values[...])
-    if array.size != size[0] * size[1]:
+    if prod(values.shape) != size[0] * size[1]:
         raise LightFieldError(
-            f"{what}: array of shape {array.shape}; expected {size}, the views' size; "
+            f"{what}: array of shape {values.shape}; expected {size}, the views' size; "
             "write the light field again"
         )
+    with readable(what):
+        array = np.asarray(values[...])
     return checked_map(array.reshape(size), what, finite=False)
 
 
 def _shape(known: list[int]) -> tuple[int, int, int, int, int]:
     v, u, h, w, c = (int(length) for length in known)
+    if min(v, u, h, w, c) < 1:
+        raise ValueError(f"shape is {known}")
     return v, u, h, w, c
 
 

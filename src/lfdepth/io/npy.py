@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import zipfile
-import zlib
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import takewhile
 from math import prod
 from pathlib import Path
 from typing import IO, Any
@@ -17,8 +15,9 @@ import numpy.typing as npt
 
 from lfdepth.io import limits, signature, stack
 from lfdepth.io.atomic import atomic
+from lfdepth.io.beside import notes_beside, write_with_notes
 from lfdepth.io.layout import Layout
-from lfdepth.io.notes import KEY, Bundle, beside, read_notes, write_beside
+from lfdepth.io.notes import KEY, Bundle
 from lfdepth.io.record import Record
 from lfdepth.io.source import ViewSource
 from lfdepth.lightfield import LightField
@@ -45,10 +44,11 @@ def open_npy(path: Path, layout: Layout) -> ViewSource:
     LightFieldError
         If the file is truncated or is no light field, or the notes beside it are garbled or about another.
     """
-    with _readable(path):
+    with limits.readable(path):
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-    notes = read_notes(beside(path))
-    source = stack.open_stack(array, path, layout, notes=notes)
+    notes = notes_beside(path)
+    on_disk = _OnDisk(path, array.shape, array.dtype, array.offset) if array.flags.c_contiguous else array
+    source = stack.open_stack(on_disk, path, layout, notes=notes)
     return source if notes is None else notes.annotate(source)
 
 
@@ -73,13 +73,13 @@ def read_npy(path: Path) -> npt.NDArray[Any]:
     LightFieldError
         If the file is truncated, no NPY file, or holds Python objects.
     """
-    with _readable(path):
-        return np.asarray(np.load(path, allow_pickle=False))
+    with limits.readable(path):
+        return np.array(np.load(path, mmap_mode="r", allow_pickle=False))
 
 
 def axes_of_npy(path: Path) -> int:
     """How many axes the array of an NPY file has."""
-    with _readable(path):
+    with limits.readable(path):
         return int(np.load(path, mmap_mode="r", allow_pickle=False).ndim)
 
 
@@ -117,9 +117,7 @@ def write_npz(path: Path, record: Record) -> None:
 
 def write_views_npy(path: Path, lf: LightField) -> None:
     """Write the views (V, U, H, W, C), and beside them what NPY cannot hold, as `NAME.json`."""
-    with atomic(path) as temporary:
-        np.save(temporary, lf.views)
-        write_beside(path, lf)
+    write_with_notes(path, lf, lambda temporary: np.save(temporary, lf.views))
 
 
 def write_views_npz(path: Path, lf: LightField) -> None:
@@ -127,6 +125,32 @@ def write_views_npz(path: Path, lf: LightField) -> None:
     bundle = Bundle.of(lf)
     with atomic(path) as temporary:
         np.savez(temporary, allow_pickle=False, **{KEY: np.asarray(bundle.text)}, **bundle.arrays)
+
+
+@dataclass(frozen=True)
+class _OnDisk:
+    """An array (C order) that lies in a file as it is; parts of it are read when they are asked for.
+
+    Mapped into memory, a file that somebody cuts short while it is read would end the process.
+    """
+
+    path: Path
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+    offset: int
+
+    def __getitem__(self, index: Any, /) -> Any:
+        first = index if isinstance(index, tuple) else (index,)
+        fixed = tuple(takewhile(lambda each: isinstance(each, (int, np.integer)), first))
+        inner = self.shape[len(fixed) :]
+        if not fixed and first != (...,):  # pixels before views: parts are spread over all of the file
+            return np.memmap(self.path, self.dtype, "r", self.offset, self.shape)[index]
+        place = sum(int(i) * prod(self.shape[axis + 1 :]) for axis, i in enumerate(fixed))
+        count = prod(inner)
+        block = np.fromfile(self.path, self.dtype, count, offset=self.offset + place * self.dtype.itemsize)
+        if block.size != count:
+            raise ValueError("the file has become shorter")
+        return block.reshape(inner)[first[len(fixed) :]]
 
 
 @dataclass(frozen=True)
@@ -139,6 +163,8 @@ class _Member:
         The archive, and the array's name in it.
     shape, dtype, fortran_order
         From its header.
+    stored
+        Bytes that the archive stores of it.
     start
         Where the samples start in the archive, if they are not compressed.
     """
@@ -148,6 +174,7 @@ class _Member:
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
     fortran_order: bool
+    stored: int
     start: int | None
 
     def __getitem__(self, index: Any, /) -> Any:
@@ -159,30 +186,37 @@ class _Member:
         return prod(self.shape) * self.dtype.itemsize
 
     @cached_property
-    def _values(self) -> npt.NDArray[Any]:
+    def _values(self) -> Any:
         if self.start is not None and self.shape and 0 not in self.shape and not self.dtype.hasobject:
-            order: Any = "F" if self.fortran_order else "C"
-            with _readable(self.path):
-                return np.memmap(self.path, self.dtype, "r", self.start, self.shape, order)
-        limits.check_unpacked(self.path, self.nbytes)
-        with _readable(self.path), np.load(self.path, allow_pickle=False) as archive:
-            return np.asarray(archive[self.name])
+            if not self.fortran_order:
+                return _OnDisk(self.path, self.shape, self.dtype, self.start)
+            with limits.readable(self.path):
+                return np.memmap(self.path, self.dtype, "r", self.start, self.shape, "F")
+        limits.check_unpacked(self.path, self.shape, self.dtype.itemsize, stored=self.stored)
+        with (
+            limits.readable(self.path),
+            zipfile.ZipFile(self.path) as archive,
+            archive.open(f"{self.name}.npy") as file,
+        ):
+            return np.asarray(np.lib.format.read_array(file, allow_pickle=False))
 
 
 def _read_members(path: Path) -> dict[str, _Member]:
     """The arrays of an archive, without unpacking any."""
     members = {}
-    with _readable(path), zipfile.ZipFile(path) as archive, path.open("rb") as raw:
+    with limits.readable(path), zipfile.ZipFile(path) as archive, path.open("rb") as raw:
         for info in archive.infolist():
             if info.filename.endswith(".npy"):
                 name = info.filename.removesuffix(".npy")
+                if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+                    raise ValueError(f"{name} is packed in a way that NumPy does not use")
                 with archive.open(info) as file:
                     shape, fortran_order, dtype = _read_header(file)
                     header = file.tell()
                 whole = header + prod(shape) * dtype.itemsize == info.file_size
                 stored = whole and info.compress_type == zipfile.ZIP_STORED
                 start = _data_start(raw, info) + header if stored else None
-                members[name] = _Member(path, name, shape, dtype, fortran_order, start)
+                members[name] = _Member(path, name, shape, dtype, fortran_order, info.compress_size, start)
     return members
 
 
@@ -197,12 +231,3 @@ def _read_header(file: Any) -> tuple[tuple[int, ...], bool, np.dtype[Any]]:
     if np.lib.format.read_magic(file) == (1, 0):
         return np.lib.format.read_array_header_1_0(file)
     return np.lib.format.read_array_header_2_0(file)
-
-
-@contextmanager
-def _readable(path: Path) -> Iterator[None]:
-    """Turn what NumPy and zipfile raise on damaged files into one line."""
-    try:
-        yield
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError) as error:
-        raise stack.unreadable(path, error) from None

@@ -17,11 +17,15 @@ from lfdepth.io import exr, limits, pnm, signature
 from lfdepth.io.alpha import without_alpha
 from lfdepth.io.extras import need_tifffile
 from lfdepth.io.pixels import encode_png
+from lfdepth.io.png_text import with_text
 from lfdepth.io.white import white_of_bits
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".pgm", ".pnm", ".exr")
 """File names that are taken for pictures."""
 
+_PILLOW_FORMATS = ("JPEG", "BMP", "WEBP")
+# Compressions of TIFF whose decoders stop where the page ends: none, LZW, deflate, PackBits, LZMA, Zstandard.
+_TIFF_PACKING = (1, 5, 8, 32946, 32773, 34925, 34926, 50000)
 # The colour type in a PNG header.
 _PNG_MODES = {0: "L", 2: "RGB", 3: "P", 4: "LA", 6: "RGBA"}
 _GREY_OR_RGB = ("L", "RGB", "I;16")
@@ -111,7 +115,7 @@ def white_of_page(page: Any) -> float | None:
     return None
 
 
-def write_picture(path: Path, pixels: npt.NDArray[Any]) -> None:
+def write_picture(path: Path, pixels: npt.NDArray[Any], *, text: str | None = None) -> None:
     """Encode a grey or RGB picture (H, W, C) by the path's ending, exactly.
 
     Parameters
@@ -120,10 +124,13 @@ def write_picture(path: Path, pixels: npt.NDArray[Any]) -> None:
         Ends in `.png` or `.tif`.
     pixels : ndarray
         uint8 or uint16; for TIFF also float32.
+    text : str, optional
+        What a PNG says of itself; see `png_text`.
     """
     squeezed = np.ascontiguousarray(pixels[..., 0] if pixels.shape[2] == 1 else pixels)
     if path.suffix.lower() == ".png":
-        path.write_bytes(encode_png(squeezed))
+        png = encode_png(squeezed)
+        path.write_bytes(png if text is None else with_text(png, text))
     else:
         photometric = "minisblack" if squeezed.ndim == 2 else "rgb"
         need_tifffile(path).imwrite(path, squeezed, photometric=photometric, metadata=None)
@@ -165,7 +172,7 @@ def _decode_png(path: Path, header: bytes) -> tuple[npt.NDArray[Any], str]:
     if mode not in ("L", "RGB", *_WITH_ALPHA):
         return np.empty((1, 1)), mode
     width, height = (int.from_bytes(header[at : at + 4], "big") for at in (16, 20))
-    limits.check_unpacked(path, width * height * len(mode) * header[24] // 8)
+    limits.check_unpacked(path, (height, width, len(mode)), max(1, header[24] // 8))
     pixels = np.asarray(imagecodecs.png_decode(path.read_bytes()))
     # A single colour that counts as transparent (tRNS) becomes alpha on decoding.
     channels = 1 if pixels.ndim == 2 else pixels.shape[2]
@@ -177,14 +184,32 @@ def _decode_tiff(path: Path) -> tuple[npt.NDArray[Any], str]:
         return decode_page(file.pages[0])
 
 
+def check_page(page: Any) -> None:
+    """Raise LightFieldError if a page of a TIFF asks for more memory than it may, or is packed otherwise.
+
+    Formats within the format, such as JPEG, have sizes of their own, which may be others than the page says.
+    """
+    if getattr(page, "parent", None) is None:  # in memory already
+        return
+    path = Path(page.parent.filehandle.path)
+    limits.check_unpacked(path, page.shape, 1 if page.dtype is None else page.dtype.itemsize)
+    packing = page.keyframe.compression
+    if packing not in _TIFF_PACKING:
+        raise LightFieldError(
+            f"{path}: page packed as {getattr(packing, 'name', packing)}; expected none, LZW, deflate, "
+            "PackBits, LZMA or Zstandard; store it as one of these"
+        )
+
+
 def decode_page(page: Any) -> tuple[npt.NDArray[Any], str]:
     """A page of a TIFF in native byte order, and the mode that it would have elsewhere."""
     first = page.keyframe  # pages like the first have no tags of their own
+    check_page(page)
     pixels = np.asarray(page.asarray())
     kind, bits = first.photometric.name, first.bitspersample
     whole_bits = bits == 8 * pixels.dtype.itemsize or bits in _PACKED_BITS
     if kind in ("PALETTE", "MINISWHITE") or not whole_bits:
-        return pixels, f"{kind} with {bits} bits"
+        return pixels, f"{kind} with {str(bits)[:40]} bits"
     if pixels.dtype.kind == "f":
         pixels = pixels.astype(np.float32)
     elif pixels.dtype not in (np.uint8, np.uint16):
@@ -202,6 +227,8 @@ def decode_page(page: Any) -> tuple[npt.NDArray[Any], str]:
 def _decode_with_pillow(path: Path) -> tuple[npt.NDArray[Any], str]:
     from PIL import Image, ImageOps
 
-    with Image.open(path) as picture:
+    # Of all that Pillow knows: it would hand PostScript, for example, to an interpreter.
+    with Image.open(path, formats=_PILLOW_FORMATS) as picture:
+        limits.check_unpacked(path, (picture.height, picture.width, len(picture.getbands())), 1)
         upright = ImageOps.exif_transpose(picture)  # cameras store portraits lying down
         return np.asarray(upright), upright.mode

@@ -39,7 +39,7 @@ def read_pnm(path: Path) -> npt.NDArray[Any]:
     plain, channels, width, height, white, start = _header(path, data)
     count = width * height * channels
     kind = np.dtype(np.uint8 if white < 256 else ">u2")
-    limits.check_unpacked(path, count * kind.itemsize)
+    limits.check_unpacked(path, (count,), kind.itemsize)
     if plain:
         words = re.sub(rb"#[^\n]*", b"", data[start:]).split()
         samples = np.array(words[:count], dtype=np.int64)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from lfdepth.errors import LightFieldError
 from lfdepth.io.layout import size
+from lfdepth.io.limits import read_text
 
 Array = npt.NDArray[np.float64]
 
@@ -173,7 +174,7 @@ def _step(places: Array, positions: Array) -> float | None:
 def _rows(path: Path) -> list[tuple[int, tuple[float, float, float, float]]]:
     """Number of the line, and v, u, y, x."""
     try:
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        lines = read_text(path).removeprefix("\ufeff").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "no text"
         raise LightFieldError(

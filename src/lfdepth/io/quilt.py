@@ -12,8 +12,9 @@ import numpy.typing as npt
 from lfdepth.errors import LightFieldError
 from lfdepth.io.atomic import atomic
 from lfdepth.io.layout import Layout
-from lfdepth.io.notes import beside, read_notes, write_beside
+from lfdepth.io.notes import KEY, beside, notes_of, parse_notes, read_notes
 from lfdepth.io.picture import ENDINGS, read_picture, stated_white, write_picture
+from lfdepth.io.png_text import text_in
 from lfdepth.io.source import ViewSource
 from lfdepth.lightfield import LightField
 
@@ -72,7 +73,8 @@ def open_quilt(path: Path, layout: Layout) -> ViewSource:
         remarks=() if exact else (remark,),
         name=path.stem,
     )
-    notes = read_notes(beside(path))
+    text = text_in(path)
+    notes = read_notes(beside(path)) if text is None else parse_notes(text, f"{path}: {KEY}")
     return source if notes is None else notes.annotate(source)
 
 
@@ -102,7 +104,7 @@ def _plain(strip: npt.NDArray[Any]) -> bool:
 
 
 def write_quilt(path: Path, lf: LightField) -> None:
-    """Write a row of views as `NAME_qsCxRaA.png`, and beside it what it cannot hold, as `NAME.json`.
+    """Write a row of views as `NAME_qsCxRaA.png`, and what pixels cannot hold as a text in it.
 
     Raises
     ------
@@ -123,8 +125,7 @@ def write_quilt(path: Path, lf: LightField) -> None:
     tiles = lf.views[0].reshape(rows, columns, height, width, channels)[::-1]
     picture = tiles.transpose(0, 2, 1, 3, 4).reshape(rows * height, columns * width, channels)
     with atomic(path) as temporary:
-        write_picture(temporary, picture)
-        write_beside(path, lf)
+        write_picture(temporary, picture, text=notes_of(lf).text())
 
 
 def _suggestion(path: Path, lf: LightField) -> str:

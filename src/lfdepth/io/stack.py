@@ -15,12 +15,14 @@ import numpy.typing as npt
 from lfdepth.errors import LightFieldError
 from lfdepth.io.alpha import without_alpha
 from lfdepth.io.layout import Layout, size
+from lfdepth.io.limits import readable
+from lfdepth.io.limits import unreadable as unreadable
 from lfdepth.io.notes import KEY, Notes, parse_notes
 from lfdepth.io.record import checked_map
 from lfdepth.io.source import ViewSource
 
 # What light field arrays are called, the likeliest first.
-_NAMES = ("LF", "lf", "views", "light_field", "lightfield", "lightField", "LightField")
+NAMES = ("LF", "lf", "views", "light_field", "lightfield", "lightField", "LightField")
 
 # N is a running number of views. The first layout that fits is taken. The axes of MATLAB's arrays come out in
 # reverse in other programs: colours first and the grid last.
@@ -65,7 +67,7 @@ def choose_array(shapes: Mapping[str, tuple[int, ...]], path: Path) -> str:
         If there is none, or several.
     """
     stacks = [name for name, shape in shapes.items() if len(shape) in _LAYOUTS and not is_truth(name)]
-    named = [name for own in _NAMES for name in stacks if _last(name) == own]
+    named = [name for own in NAMES for name in stacks if _last(name) == own]
     same = [name for name in named if _last(name) == _last(named[0])]
     candidates = same or [name for name in stacks if len(shapes[name]) > 3] or stacks
     if len(candidates) == 1:
@@ -174,12 +176,8 @@ def open_stack(
 
     def read_part(v: int, u: int, rows: slice, columns: slice) -> npt.NDArray[Any]:
         at = {"N": v * grid[1] + u, "V": v, "U": u, "H": rows, "W": columns}
-        try:
+        with readable(path):
             view = np.asarray(array[tuple(at.get(axis, slice(None)) for axis in axes)])
-        except LightFieldError:  # a ValueError, too
-            raise
-        except (OSError, ValueError, RuntimeError) as error:
-            raise unreadable(path, error) from error
         samples = _as_samples(_as_hwc(view, axes)[..., :channels])
         return without_alpha(samples, f"{path}: view ({v}, {u})") if samples.shape[2] == _ALPHA else samples
 
@@ -192,12 +190,6 @@ def open_stack(
         remarks=() if notes or axes == _LAYOUTS[len(axes)][0] or axes == "VUHW" else (_order_remark(axes),),
         name=path.stem,
     )
-
-
-def unreadable(path: Path, error: Exception) -> LightFieldError:
-    """The error for a file that a library gave up on."""
-    reason = " ".join(str(error).split())[:100] or type(error).__name__
-    return LightFieldError(f"{path}: not readable ({reason}); expected a complete file; copy it again")
 
 
 def _check_notes(shape: tuple[int, ...], notes: Notes, path: Path) -> None:

@@ -20,7 +20,7 @@ from lfdepth.io.atomic import atomic
 from lfdepth.io.extras import need_tifffile
 from lfdepth.io.layout import Layout
 from lfdepth.io.notes import KEY, Notes, notes_of, parse_notes
-from lfdepth.io.picture import decode_page, white_of_page
+from lfdepth.io.picture import check_page, decode_page, white_of_page
 from lfdepth.io.record import Record
 from lfdepth.io.source import ViewSource
 from lfdepth.io.white import white_of_bits
@@ -46,7 +46,7 @@ def open_tiff(path: Path, layout: Layout) -> ViewSource:
     """
     tifffile = need_tifffile(path)
     try:
-        file = tifffile.TiffFile(path)
+        file = tifffile.TiffFile(path, _multifile=False)  # what other files hold is not asked for
         stored = _Stored.of(file)
         description = str(file.pages[0].description)
     except Exception as error:  # tifffile raises many kinds on damaged files
@@ -57,6 +57,8 @@ def open_tiff(path: Path, layout: Layout) -> ViewSource:
         try:
             with lock:
                 decoded = [stored.page(each) for each in stored.pages_of(v * grid[1] + u)]
+        except LightFieldError:  # a ValueError, too
+            raise
         except Exception as error:
             raise stack.unreadable(path, error) from error
         if wrong := next((mode for _, mode in decoded if mode not in ("L", "RGB", "LA", "RGBA")), None):
@@ -206,7 +208,11 @@ def read_tiff(path: Path) -> npt.NDArray[Any]:
     """
     tifffile = need_tifffile(path)
     try:
-        return np.asarray(tifffile.imread(path))
+        with tifffile.TiffFile(path) as file:
+            check_page(file.pages[0])  # and not a series, whose pages may be in other files
+            return np.asarray(file.pages[0].asarray())
+    except LightFieldError:  # a ValueError, too
+        raise
     except Exception as error:
         raise stack.unreadable(path, error) from None
 

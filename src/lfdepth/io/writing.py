@@ -25,23 +25,23 @@ class Writer:
         Of the paths that ask for it; none for folders.
     needs
         The library it takes and the extra that brings it.
-    replaceable
-        For formats that are folders: whether an existing one gives way.
+    folder
+        Whether what it writes is a folder.
     """
 
     write: Callable[[Path, LightField], None]
     endings: tuple[str, ...] = ()
     needs: tuple[str, str] | None = None
-    replaceable: Callable[[Path], bool] | None = None
+    folder: bool = False
 
 
 WRITERS = {
-    "folder": Writer(folder.write_folder, replaceable=folder.holds_views),
-    "benchmark": Writer(benchmark.write_benchmark, replaceable=benchmark.holds_benchmark),
+    "folder": Writer(folder.write_folder, folder=True),
+    "benchmark": Writer(benchmark.write_benchmark, folder=True),
     "npz": Writer(npy.write_views_npz, (".npz",)),
     "npy": Writer(npy.write_views_npy, (".npy",)),
     "hdf5": Writer(hdf5.write_views_hdf5, (".h5", ".hdf5"), ("h5py", "hdf5")),
-    "zarr": Writer(zarr_store.write_views_zarr, (".zarr",), ("zarr", "zarr"), zarr_store.is_zarr),
+    "zarr": Writer(zarr_store.write_views_zarr, (".zarr",), ("zarr", "zarr"), folder=True),
     "mat": Writer(matlab.write_views_mat, (".mat",), ("scipy.io", "mat")),
     "tiff": Writer(tiff.write_views_tiff, (".tif", ".tiff"), ("tifffile", "tiff")),
     "quilt": Writer(quilt.write_quilt, (".png",)),
@@ -60,7 +60,7 @@ def check_light_field_writable(path: str | Path, format: str | None = None) -> N
     writer = find_writer(path, format)
     if writer.needs is not None:
         need(*writer.needs, path)
-    check_target(path, writer.replaceable)
+    check_target(path, folder=writer.folder)
 
 
 def find_writer(path: Path, format: str | None) -> Writer:

@@ -6,7 +6,6 @@ Averaging all views there focuses on D, as a lens as wide as the grid of cameras
 
 from __future__ import annotations
 
-import re
 from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,8 +25,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from lfdepth.result import Result
-
-_MASK_FILE = re.compile(r"mask_v\d+_u\d+\.png")
 
 
 def refocus(
@@ -184,15 +181,10 @@ def write_masks(folder: str | Path, masks: NDArray[np.bool_], lf: LightField) ->
             f"{lf.name}; give both together"
         )
     digits = max(2, len(str(max(masks.shape[:2]) - 1)))
-    with atomic_folder(folder, holds_masks) as temporary:
+    with atomic_folder(folder) as temporary:
         for (row, column), _, _ in _present_views(lf):
             file = temporary / f"mask_v{row:0{digits}d}_u{column:0{digits}d}.png"
             file.write_bytes(encode_png(masks[row, column]))
-
-
-def holds_masks(folder: Path) -> bool:
-    """Whether a folder holds nothing but masks, and so may be replaced by others."""
-    return all(_MASK_FILE.fullmatch(entry.name) for entry in folder.iterdir())
 
 
 def _average(

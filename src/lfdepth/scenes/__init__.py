@@ -135,11 +135,11 @@ def save(
         If an argument is out of its range, or the folder cannot be written or holds something else.
     """
     from lfdepth.io.atomic import check_target
-    from lfdepth.io.benchmark import holds_benchmark, write_benchmark
+    from lfdepth.io.benchmark import write_benchmark
     from lfdepth.truth import FACTOR, HighResolution
 
     folder = Path(folder)
-    check_target(folder, holds_benchmark)
+    check_target(folder, folder=True)
     rendering = _rendered(name, size, views, seed, noise, samples, progress)
     high = HighResolution(*rendering.geometry(FACTOR))
     labels = rendering.geometry(1)[1]
