@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import shutil
 import subprocess
@@ -9,8 +10,10 @@ import sys
 import time
 from pathlib import Path
 
-import lfdepth
 import pytest
+
+import lfdepth
+from lfdepth.engines.cpu import compilation
 
 PROGRAM = """
 import numpy as np
@@ -28,7 +31,7 @@ with compilation.on_compilation(lambda: compiled.append(1)):
     noise.residual_kernel(0, 1, views, np.zeros((2, 2, 1), np.uint8), others, nowhere, nowhere, plane, least)
 print(int(levels[0, 0]), float(least[0]), bool(compiled))
 """
-"""Prints the level of share 1, the difference of grey level 8 to level 0, and whether anything was compiled."""
+"""Prints the level of share 1, the difference of grey level 8 to 0, and whether anything was compiled."""
 
 
 @pytest.fixture
@@ -92,3 +95,16 @@ def test_kernels_of_an_installation_that_cannot_be_written(package: Path, tmp_pa
     (tmp_path / "file").write_text("no folder")
     with pytest.raises(AssertionError, match="cannot cache function"):
         run(package, **nowhere)
+
+
+def test_the_digest_covers_all_that_kernels_import() -> None:
+    """Kernels take nothing from files of the package that are not part of the digest."""
+    sources = {path.resolve() for path in compilation.sources()}
+    package = Path(lfdepth.__file__).parent
+    for path in (package / "engines" / "cpu" / "kernels").glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("lfdepth."):
+                assert (
+                    package.parent.joinpath(*str(node.module).split(".")).with_suffix(".py").resolve()
+                    in sources
+                )

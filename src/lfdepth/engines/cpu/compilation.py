@@ -1,4 +1,4 @@
-"""How kernels are compiled, where they are kept, and when: compiling takes seconds once, and is told apart."""
+"""How kernels are compiled, where they are kept, and when: it takes seconds once, and is to be told apart."""
 
 from __future__ import annotations
 
@@ -19,18 +19,21 @@ INNER: dict[str, Any] = {**KERNEL, "no_cpython_wrapper": True}
 """Of functions that only kernels call: without a wrapper for Python they compile faster."""
 
 _ENGINE = Path(__file__).parent
+_SHARED = _ENGINE.parent / "layout.py", _ENGINE.parents[1] / "scenes" / "model.py"
+"""Files elsewhere that kernels take constants from."""
+
 _NAME = "lfdepth"
 _KEPT_DAYS = 7
-"""Days after which kernels of an earlier state are deleted: a process may still be at work with younger ones."""
+"""Days after which kernels of an earlier state are deleted; a process may still be at work with others."""
 
 
 @contextmanager
 def kernel_cache() -> Iterator[None]:
     """Kernels that are declared while the context is open are kept in a folder of the engine's present state.
 
-    numba looks at the file of a function only, not at what it calls or takes constants from, so a change there
-    would be missed. The folder's name holds a digest of all files that kernels are made of. Where no folder
-    can be written numba is left to say so.
+    numba looks at the file of a function only, not at what it calls or takes constants from, so that a change
+    there would be missed. The folder's name holds a digest of all files that kernels are made of. Where no
+    folder can be written numba is left to say so.
     """
     from numba import config
 
@@ -44,20 +47,25 @@ def kernel_cache() -> Iterator[None]:
         config.CACHE_DIR = given
 
 
+def sources() -> list[Path]:
+    """The files that kernels are made of."""
+    return [*sorted(_ENGINE.rglob("*.py")), *_SHARED]
+
+
 def digest() -> str:
     """Digest of the files that kernels are made of."""
     found = blake2b(digest_size=8)
-    for path in (*sorted(_ENGINE.rglob("*.py")), _ENGINE.parent / "layout.py"):
+    for path in sources():
         content = path.read_bytes()
-        found.update(f"{path.relative_to(_ENGINE.parent).as_posix()} {len(content)}\n".encode())
+        found.update(f"{path.name} {len(content)}\n".encode())
         found.update(content)
     return found.hexdigest()
 
 
 def _writable(given: str) -> Path | None:
-    """The folder for this state: in the one that the user gives, beside the kernels, or among the user's caches.
+    """The folder for this state, where the user says, or else beside the kernels or among the user's caches.
 
-    None if it cannot be written, there.
+    None where it cannot be written.
     """
     installed = blake2b(str(_ENGINE).encode(), digest_size=4).hexdigest()
     places = [Path(given)] if given else [_ENGINE / "kernels" / "__pycache__", _user_caches() / _NAME]
