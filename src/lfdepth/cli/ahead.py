@@ -92,7 +92,7 @@ class KernelsAhead:
 
 
 def rehearse(method: methods.Method, engine: Any, samples: str) -> None:
-    """Run a method on a tiny, black light field of samples of this type; none if its windows are too large."""
+    """Run a method on a tiny, black light field of such samples; not if its windows are too large for it."""
     import numpy as np
 
     from lfdepth.errors import LightFieldError

@@ -133,12 +133,13 @@ def estimate(
     report(estimate_facts(lf, result, progress, written), as_json, estimate_text)
 
 
-def add_estimate(method: str) -> None:
-    """Register `estimate` with the options of one method: which one, the command line itself says."""
-    kind, unchanged = method_parameters(method)
-    estimate.__annotations__["options"] = kind
-    assert estimate.__kwdefaults__ is not None
-    estimate.__kwdefaults__["options"] = unchanged
+def add_estimate(method: str | None) -> None:
+    """Register `estimate` with the options of one method, or without: what the command line itself says."""
+    if method is not None:
+        kind, unchanged = method_parameters(method)
+        estimate.__annotations__["options"] = kind
+        assert estimate.__kwdefaults__ is not None
+        estimate.__kwdefaults__["options"] = unchanged
     if "estimate" in app:  # as an earlier command line in this process left it
         del app["estimate"]
     app.command(estimate, sort_key=1)

@@ -69,7 +69,8 @@ class _Notes(Workers):
 def make_ready(calls: Iterable[Call], stop: Event, ready: Callable[[], None] = lambda: None) -> None:
     """Load kernels from their cache, or compile them, several at once where there are processors for it.
 
-    numba compiles one function at a time in a process, so other processes help, and leave theirs in the cache.
+    numba compiles one function at a time in a process; so other processes help, and leave theirs in the
+    cache.
 
     Parameters
     ----------

@@ -57,7 +57,7 @@ class Workers:
             job.result()
 
     def each(self, act: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
-        """What a function gives for each item; for NumPy's functions on large arrays, which release the GIL."""
+        """What a function gives for each item; for NumPy on large arrays, which releases the GIL."""
         if self._pool is None:
             return [act(item) for item in items]
         return list(self._pool.map(act, items))
