@@ -11,6 +11,7 @@ from lfdepth.blocks.voting import Mask, VoteCount, VoteRule, disparity_signs, vo
 from lfdepth.engines import single
 from lfdepth.engines.base import Delta, Gradient
 from lfdepth.engines.cpu.layout import grey_stack
+from lfdepth.engines.cpu.workers import Workers
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
 
@@ -134,7 +135,7 @@ def test_more_votes_than_16_bits_count() -> None:
 @pytest.mark.parametrize("disparity", [-1e6, -37.3, 31.0, 1e6])
 def test_shifts_beyond_the_image_need_no_memory(disparity: float) -> None:
     lf = fields.light_field(np.random.default_rng(18), (4, 3), (12, 20), kind="noise")
-    assert grey_stack(lf, abs(disparity)).data.nbytes < 20 * lf.views.nbytes
+    assert grey_stack(Workers(1), lf, abs(disparity)).data.nbytes < 20 * lf.views.nbytes
     mask = Mask(fields.random_mask(np.random.default_rng(19), (12, 20)), disparity)
     for chosen in (None, mask):
         assert_votes_agree(lf, disparity, chosen, VoteRule("none"))

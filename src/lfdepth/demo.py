@@ -9,13 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lfdepth.errors import LightFieldError
-from lfdepth.methods import NAMES, method
+from lfdepth.methods import NAMES
 from lfdepth.table import Table
-from lfdepth.trace import Progress
 
 if TYPE_CHECKING:
     from lfdepth.lightfield import LightField
     from lfdepth.scoring import Scores
+    from lfdepth.trace import Progress
 
 SIZE = 320
 """Side of the demo's views, px."""
@@ -106,6 +106,7 @@ def run_demo(
     from lfdepth import evaluate, scenes
     from lfdepth.bench.timing import timed_estimate
     from lfdepth.io.atomic import check_target
+    from lfdepth.methods import method
     from lfdepth.pictures import PanelRow, panel
     from lfdepth.scoring.captions import score_line
 

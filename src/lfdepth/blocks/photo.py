@@ -83,7 +83,9 @@ def local_thresholds(
             f"thresholds: found slope {slope}, low {low}, high {high}, expected slope ≥ 0 "
             f"and 0 < low ≤ high ≤ {LARGEST_THRESHOLD}; correct them"
         )
-    image = reference.astype(np.float64)
+    # Differences of whole levels are exact in any type that holds them.
+    exact = {"uint8": np.int16, "uint16": np.int32, "float32": np.float64}
+    image = reference.astype(exact[reference.dtype.name])
     contrast = np.zeros_like(image)
     for axis in (0, 1):
         change = np.abs(np.diff(image, axis=axis))

@@ -48,7 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         from lfdepth.cli.options import method_named_in
 
         words = sys.argv[1:] if arguments is None else arguments
-        commands.add_estimate(method_named_in(words))
+        commands.add_estimate(method_named_in(words) if "estimate" in words else None)
         try:
             status = app(words, exit_on_error=False, print_error=False, result_action="return_value")
         except CycloptsError as error:

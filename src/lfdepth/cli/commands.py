@@ -105,6 +105,7 @@ def estimate(
         Allow an extreme number of planes, and more memory than seems to be free.
     """
     import lfdepth
+    from lfdepth.cli.ahead import KernelsAhead
     from lfdepth.cli.progress import Progress
     from lfdepth.io import check_writable
 
@@ -112,14 +113,17 @@ def estimate(
     check_writable(output)
     if preview is not None:
         check_picture(preview, apart_from=output)
-    lf = reading.read(scene)
-    _check_output(output, lf, quantity, mesh)
-    if range is None:
-        reading.require_order(lf)
-    with Progress() as progress:
-        result = lfdepth.estimate(
-            lf, chosen, range=range, threads=threads, progress=progress.step, force=force, engine=engine
-        )
+    progress = Progress()
+    with KernelsAhead(chosen, engine, progress.note_compilation) as kernels:
+        lf = reading.read(scene)
+        _check_output(output, lf, quantity, mesh)
+        if range is None:
+            reading.require_order(lf)
+        kernels.settle(lf.views.dtype.name)
+        with progress:
+            result = lfdepth.estimate(
+                lf, chosen, range=range, threads=threads, progress=progress.step, force=force, engine=engine
+            )
     lfdepth.write(output, result, scene=lf, quantity=quantity, mesh=mesh)
     if preview is not None:
         from lfdepth.pictures import preview as write_preview
@@ -129,12 +133,13 @@ def estimate(
     report(estimate_facts(lf, result, progress, written), as_json, estimate_text)
 
 
-def add_estimate(method: str) -> None:
-    """Register `estimate` with the options of one method: which one, the command line itself says."""
-    kind, unchanged = method_parameters(method)
-    estimate.__annotations__["options"] = kind
-    assert estimate.__kwdefaults__ is not None
-    estimate.__kwdefaults__["options"] = unchanged
+def add_estimate(method: str | None) -> None:
+    """Register `estimate` with the options of one method, or without: what the command line itself says."""
+    if method is not None:
+        kind, unchanged = method_parameters(method)
+        estimate.__annotations__["options"] = kind
+        assert estimate.__kwdefaults__ is not None
+        estimate.__kwdefaults__["options"] = unchanged
     if "estimate" in app:  # as an earlier command line in this process left it
         del app["estimate"]
     app.command(estimate, sort_key=1)

@@ -8,11 +8,10 @@ from dataclasses import asdict
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 if TYPE_CHECKING:
     from pathlib import Path
 
+    import numpy as np
     from numpy.typing import NDArray
 
     from lfdepth.cli.progress import Progress
@@ -137,6 +136,8 @@ def scene_facts(
     problem: str | None,
 ) -> Facts:
     """What is known of a light field, with the range that was `found` for it, or the `problem` with that."""
+    import numpy as np
+
     ends = lf.disparity_range or found
     return {
         "name": lf.name,
@@ -179,6 +180,8 @@ def scene_text(facts: Facts) -> str:
 
 
 def _truth_range(lf: LightField) -> list[float] | None:
+    import numpy as np
+
     if lf.truth is None or not np.isfinite(lf.truth).any():
         return None
     known = lf.truth[np.isfinite(lf.truth)]

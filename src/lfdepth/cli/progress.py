@@ -24,7 +24,7 @@ class Progress:
         self._listening = ExitStack()
 
     def __enter__(self) -> Progress:
-        self._listening.enter_context(on_compilation(self._note_compilation))
+        self._listening.enter_context(on_compilation(self.note_compilation))
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -48,7 +48,8 @@ class Progress:
         if sys.stderr.isatty():
             print(words, file=sys.stderr)
 
-    def _note_compilation(self) -> None:
+    def note_compilation(self) -> None:
+        """Say once that kernels are being compiled."""
         if not self.compiled:
             print("compiling kernels (first run only)", file=sys.stderr)
         self.compiled = True

@@ -2,9 +2,22 @@
 
 from __future__ import annotations
 
-from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
-from lfdepth.methods.parameters import Parameter, Real, Switch, Whole, Word, parameters_of
-from lfdepth.methods.registry import DEFAULT, NAMES, PRESETS, method, method_class, names
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from lfdepth.methods.own import DEFAULT, NAMES, PRESETS
+
+if TYPE_CHECKING:
+    from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
+    from lfdepth.methods.parameters import Parameter, Real, Switch, Whole, Word, parameters_of
+    from lfdepth.methods.registry import method, method_class, names
+
+# What loads NumPy is resolved on first use, so that help appears at once.
+_HOMES = {
+    "base": ("Maps", "Method", "MethodInfo", "Problem", "Shape", "Work"),
+    "parameters": ("Parameter", "Real", "Switch", "Whole", "Word", "parameters_of"),
+    "registry": ("method", "method_class", "names"),
+}
 
 __all__ = [
     "DEFAULT",
@@ -26,3 +39,11 @@ __all__ = [
     "names",
     "parameters_of",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    for home, names_there in _HOMES.items():
+        if name in names_there:
+            globals()[name] = getattr(import_module(f"{__name__}.{home}"), name)
+            return globals()[name]
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

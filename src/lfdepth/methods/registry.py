@@ -11,34 +11,18 @@ from __future__ import annotations
 import logging
 from functools import cache
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lfdepth.errors import LightFieldError
 from lfdepth.methods.base import Method
+from lfdepth.methods.own import DEFAULT, HOMES, NAMES, PRESETS
 from lfdepth.methods.parameters import parameters_of
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 GROUP = "lfdepth.methods"
 """The entry-point group."""
-
-DEFAULT = "fbs-vis"
-"""The method that is used where none is named."""
-
-_OWN = {
-    "fbs": "lfdepth.methods.fbs:Fbs",
-    "fbs-sfa": "lfdepth.methods.fbs_sfa:FbsSfa",
-    "fbsocc-sfa": "lfdepth.methods.fbsocc_sfa:FbsoccSfa",
-    "fbs-vis": "lfdepth.methods.fbs_vis:FbsVis",
-}
-
-NAMES: tuple[str, ...] = tuple(_OWN)
-"""Names of lfdepth's own methods, oldest first."""
-
-PRESETS: dict[str, dict[str, Any]] = {
-    "paper-synthetic": {"step": 0.02, "skip": 7},
-    "paper-real": {"step": 0.05, "skip": 5},
-}
-"""Parameters by the name of the paper's experiment; a method takes those that it has."""
 
 _log = logging.getLogger(__name__)
 
@@ -46,9 +30,11 @@ _log = logging.getLogger(__name__)
 @cache
 def _offered() -> dict[str, EntryPoint]:
     """Methods of other packages by name; lfdepth's own names are not given away."""
+    from importlib.metadata import entry_points  # takes long to load
+
     found: dict[str, EntryPoint] = {}
     for entry in entry_points(group=GROUP):
-        if entry.name in _OWN or entry.name in found:
+        if entry.name in HOMES or entry.name in found:
             _log.warning("method %s of %s: the name is taken; it is left out", entry.name, entry.value)
         else:
             found[entry.name] = entry
@@ -68,8 +54,8 @@ def method_class(name: str) -> type[Method]:
     LightFieldError
         For an unknown name, or another package's method that cannot be loaded.
     """
-    if name in _OWN:
-        module, _, kind = _OWN[name].partition(":")
+    if name in HOMES:
+        module, _, kind = HOMES[name].partition(":")
         found: type[Method] = getattr(import_module(module), kind)
         return found
     if name not in _offered():

@@ -128,7 +128,7 @@ class CpuEngine:
 
     def grey_views(self, lf: LightField, reach: float) -> GreyStack:
         """Grey views with padded rows."""
-        return layout.grey_stack(lf, reach)
+        return layout.grey_stack(self.workers, lf, reach)
 
     def vote(
         self,
@@ -178,7 +178,7 @@ class CpuEngine:
 
     def guided_filter(self, guide: Float, radius: int, epsilon: float) -> guided.Prepared:
         """The guide's statistics, row by row."""
-        return guided.prepare(guide, radius, epsilon)
+        return guided.prepare(self.workers, guide, radius, epsilon)
 
     def smooth(self, prepared: guided.Prepared, image: Array, out: Array) -> None:
         """Smooth a slice."""
@@ -204,7 +204,7 @@ class CpuEngine:
 
     def colour_views(self, lf: LightField, reach: float, held: Bool | None = None) -> ColourStack:
         """Views with padded rows; those that are not held take no memory."""
-        return layout.colour_stack(lf, reach, held)
+        return layout.colour_stack(self.workers, lf, reach, held)
 
     def voting(self, views: ColourStack, present: Bool) -> ColourStack:
         """The same views, of which fewer or more vote."""
@@ -302,18 +302,20 @@ class CpuEngine:
     ) -> None:
         """Count one plane."""
         first, last = (0, views.size[0]) if rows is None else rows
+        lines = np.arange(views.size[0])
         arguments = _photo_arguments(views, disparity, thresholds, surfaces)
-        self.workers.rows(last, photo_kernels.photo_kernel, out, *arguments, first=first)
+        self.workers.rows(last, photo_kernels.photo_kernel, lines, out, *arguments, first=first)
 
     def photo_peaks(
         self, views: ColourStack, planes: NDArray[np.float64], thresholds: Array, rows: NDArray[np.int64]
     ) -> Float:
         """Largest share over planes in some rows."""
         peaks = np.zeros((len(rows), views.size[1]), np.float32)
-        shares = np.empty(views.size, np.float32)
+        shares = np.empty_like(peaks)
         for plane in planes:
             arguments = _photo_arguments(views, float(plane), thresholds, None)
-            self.workers.rows(len(rows), gloss_kernels.probe_kernel, rows, peaks, shares, arguments)
+            self.workers.rows(len(rows), photo_kernels.photo_kernel, rows, shares, *arguments)
+            self.workers.rows(len(rows), gloss_kernels.peak_kernel, shares, peaks)
         return peaks
 
     # --- the energy of signs and photo-consistency
@@ -335,8 +337,15 @@ class CpuEngine:
 
     def contrast(self, shares: Array) -> Float:
         """Largest less mean share along the planes."""
-        spread = shares.max(axis=0) - shares.mean(axis=0, dtype=np.float32)
-        return np.asarray(spread / np.float32(SHARE_LEVELS), np.float32)
+        spread = np.empty(shares.shape[1:], np.float32)
+
+        def fill(first: int, last: int) -> None:
+            part = shares[:, first:last]
+            spread[first:last] = part.max(axis=0) - part.mean(axis=0, dtype=np.float32)
+            spread[first:last] /= np.float32(SHARE_LEVELS)
+
+        self.workers.rows(len(spread), fill)
+        return spread
 
     def put_where(self, volume: Array, mask: Bool, values: Array | float) -> None:
         """Replace pixels of a volume."""
@@ -357,7 +366,9 @@ class CpuEngine:
         """Energies (H, W, K) summed over the best paths from four sides."""
         height, width = weight.shape
         energy = np.empty((height, width, len(signs)), np.int16)
-        self.workers.rows(height, energy_kernels.energy_kernel, signs, shares, weight, energy)
+        # Of every other plane, too: a copy takes less time than a kernel for other strides.
+        volumes = np.ascontiguousarray(signs), np.ascontiguousarray(shares)
+        self.workers.rows(height, energy_kernels.energy_kernel, *volumes, weight, energy)
         total = np.zeros(energy.shape, energy.dtype)
         penalties = [
             np.float32(each) for each in (slope * ENERGY_SCALE, jump * ENERGY_SCALE, sharpness, noise)
@@ -377,7 +388,7 @@ class CpuEngine:
 
     def fill_islands(self, position: Float, planes: int, largest: int) -> None:
         """Fill islands at the ends of the range."""
-        energy_kernels.fill_islands_kernel(position, planes, largest)
+        self.workers.once(energy_kernels.fill_islands_kernel, position, planes, largest)
 
     def fit_planes(
         self,
@@ -568,7 +579,7 @@ class CpuEngine:
         moved = disparity - np.float32(plane)
         place = (np.ones((1, 1), np.bool_), np.array(offset, np.float64).reshape(1, 1, 2), front, rows)
         ends = (0, disparity.shape[1], np.float32(SURFACE_JUMP), np.float32(-np.inf))
-        visibility_kernels.splat_kernel(0, 1, moved, disparity, *place, *ends)
+        self.workers.once(visibility_kernels.splat_kernel, 0, 1, moved, disparity, *place, *ends)
         return front.reshape(disparity.shape)
 
     def gather(

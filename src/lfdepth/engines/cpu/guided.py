@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,12 +30,12 @@ class Prepared:
     radius: int
 
 
-def prepare(guide: Float, radius: int, epsilon: float) -> Prepared:
+def prepare(workers: Workers, guide: Float, radius: int, epsilon: float) -> Prepared:
     """Compute the statistics of a guide (H, W, C) in [0, 1]."""
     height, width, channels = guide.shape
     planes = np.moveaxis(guide.astype(np.float32), 2, 0)
-    mean = np.stack([box_mean(plane, radius) for plane in planes])
-    stats = np.concatenate([mean, _inverse_covariance(planes, mean, radius, epsilon)])
+    mean = np.stack(workers.each(partial(box_mean, radius=radius), planes))
+    stats = np.concatenate([mean, _inverse_covariance(workers, planes, mean, radius, epsilon)])
     first, last = window_ends(width, radius)
     shares = (1 / (last - first)).astype(np.float32)
     return Prepared(_row_by_row(planes), _row_by_row(stats), shares, (height, width, channels), radius)
@@ -50,15 +51,18 @@ def smooth(
 
 
 def _inverse_covariance(
-    channels: Float, mean: NDArray[np.float64], radius: int, epsilon: float
+    workers: Workers, channels: Float, mean: NDArray[np.float64], radius: int, epsilon: float
 ) -> NDArray[np.float64]:
     """Upper triangle of (Σ + ε·1)⁻¹ per pixel: (1, H, W) for grey, (6, H, W) for colour."""
     count = channels.shape[0]
     upper = [(i, j) for i in range(count) for j in range(i, count)]
-    cov = {
-        (i, j): box_mean(channels[i].astype(np.float64) * channels[j], radius) - mean[i] * mean[j]
-        for i, j in upper
-    }
+
+    def covariance(pair: tuple[int, int]) -> NDArray[np.float64]:
+        i, j = pair
+        mixed = box_mean(channels[i].astype(np.float64) * channels[j], radius)
+        return np.asarray(mixed - mean[i] * mean[j])
+
+    cov = dict(zip(upper, workers.each(covariance, upper), strict=True))
     for i in range(count):
         cov[i, i] += epsilon
     if count == 1:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfdepth.engines.cpu.workers import Workers
 from lfdepth.engines.layout import (
     COLOUR_UNIT,
     UNKNOWN_SURFACE,
@@ -150,14 +151,18 @@ def _margin(lf: LightField, reach: float) -> int:
     return int(min(np.ceil(farthest * reach), lf.width + 1)) + 2
 
 
-def grey_stack(lf: LightField, reach: float) -> GreyStack:
+def grey_stack(workers: Workers, lf: LightField, reach: float) -> GreyStack:
     """Prepare grey views for planes up to |D| = `reach` px per view step."""
     rows, columns, height, width, _ = lf.shape
     margin = _margin(lf, abs(reach)) + PAD
     row_length = round_width(width) + 2 * margin
     data = np.empty((rows, height, columns, row_length), np.uint16)
-    for v, u in np.argwhere(lf.available):
+
+    def fill(view: tuple[int, int]) -> None:
+        v, u = view
         _fill(data[v, :, u], grey_levels(lf.views[v, u]), margin)
+
+    workers.each(fill, np.argwhere(lf.available))
     return GreyStack(
         data=data.reshape(-1),
         size=(height, width),
@@ -170,7 +175,9 @@ def grey_stack(lf: LightField, reach: float) -> GreyStack:
     )
 
 
-def colour_stack(lf: LightField, reach: float, held: NDArray[np.bool_] | None = None) -> ColourStack:
+def colour_stack(
+    workers: Workers, lf: LightField, reach: float, held: NDArray[np.bool_] | None = None
+) -> ColourStack:
     """Prepare views of all channels for planes up to |D| = `reach` px per view step.
 
     Only views that exist and are `held` take memory; by default all.
@@ -181,8 +188,12 @@ def colour_stack(lf: LightField, reach: float, held: NDArray[np.bool_] | None = 
     wanted = lf.available if held is None else lf.available & held
     kind = np.uint8 if lf.views.dtype == np.uint8 else np.uint16
     data: NDArray[Any] = np.empty((rows, columns, height, channels, row_length), kind)
-    for v, u in np.argwhere(wanted):  # pages of the others are never touched
+
+    def fill(view: tuple[int, int]) -> None:
+        v, u = view
         _fill(data[v, u], np.moveaxis(colour_levels(lf.views[v, u]), 2, 1), margin)
+
+    workers.each(fill, np.argwhere(wanted))  # pages of the others are never touched
     return ColourStack(
         data=data.reshape(-1),
         size=(height, width),

@@ -7,7 +7,7 @@ No row's result depends on where its band begins, which makes results independen
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from typing import Any
@@ -55,6 +55,16 @@ class Workers:
         ]
         for job in jobs:
             job.result()
+
+    def each(self, act: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
+        """What a function gives for each item; for NumPy on large arrays, which releases the GIL."""
+        if self._pool is None:
+            return [act(item) for item in items]
+        return list(self._pool.map(act, items))
+
+    def once(self, kernel: Callable[..., Any], *args: Any) -> None:
+        """Run a kernel that does not work on rows."""
+        kernel(*args)
 
     def close(self) -> None:
         """Let the threads go."""

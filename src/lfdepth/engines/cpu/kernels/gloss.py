@@ -1,4 +1,4 @@
-"""Kernels of the gloss block: high-passed views, photo votes of single rows."""
+"""Kernels of the gloss block: high-passed views, peaks of photo votes along rows."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import numba as nb
 import numpy as np
 
 from lfdepth.engines.cpu.compilation import INNER, KERNEL
-from lfdepth.engines.cpu.kernels.photo import photo_kernel
 from lfdepth.engines.layout import COLOUR_UNIT as UNIT
 
 RADIUS = 3
@@ -75,19 +74,14 @@ def high_pass_kernel(first, last, views, data, margin, width, corner, out):
 
 
 @nb.njit(**KERNEL)
-def probe_kernel(first, last, rows, peaks, shares, arguments):
-    """Raise peaks[i] to one plane's shares in row rows[i], smoothed along the row, for i in [first, last).
-
-    `arguments` are those of `photo_kernel` after its output, which goes to `shares`.
-    """
+def peak_kernel(first, last, shares, peaks):
+    """Raise rows [first, last) of `peaks` to one plane's shares, smoothed along the row."""
     width = shares.shape[1]
     for i in range(first, last):
-        row = shares[rows[i]]
-        photo_kernel(rows[i], rows[i] + 1, shares, *arguments)
         total = np.float32(0)
         for x in range(-ALONG, ALONG):
-            total += row[min(max(x, 0), width - 1)]
+            total += shares[i, min(max(x, 0), width - 1)]
         for x in range(width):
-            total += row[min(x + ALONG, width - 1)]
+            total += shares[i, min(x + ALONG, width - 1)]
             peaks[i, x] = max(peaks[i, x], total / np.float32(2 * ALONG + 1))
-            total -= row[max(x - ALONG, 0)]
+            total -= shares[i, max(x - ALONG, 0)]

@@ -157,9 +157,11 @@ def _add_visible(votes, seen, agrees, horizons, nearest, start):
 
 @nb.njit(**KERNEL)
 def photo_kernel(
-    first_row, last_row, out, thresholds, data, shape, down, across, weights, present, visibility, masked
+    first, last, lines, out, thresholds, data, shape, down, across, weights, present, visibility, masked
 ):
-    """Share of the views below the threshold, for rows [first_row, last_row) of one plane.
+    """Share of the views below the threshold, for rows lines[first], ..., lines[last - 1] of one plane.
+
+    `out` has a row for each of `lines`.
 
     `shape` is (V, U, H, C, row length, margin, index of the reference view). With `masked`, only views that
     see the plane count: `visibility` is (nearest surfaces per view, nearest per row of a view, whole pixels
@@ -176,17 +178,18 @@ def photo_kernel(
     reference, levels = np.empty((_BLOCK, channels * width), np.int16), np.empty(channels * width, np.int16)
     row_size = channels * length
     one, none = np.int16(UNIT), np.int16(0)
-    for begin in range(first_row, last_row, _BLOCK):
-        block = min(_BLOCK, last_row - begin)
+    for begin in range(first, last, _BLOCK):
+        block = min(_BLOCK, last - begin)
         view = own * height
         for i in range(block):
-            start = np.uintp((view + begin + i) * row_size + margin)
+            y = lines[begin + i]
+            start = np.uintp((view + y) * row_size + margin)
             _interpolate(reference[i], channels, data, start, start, length, one, none, none, none)
-            _integer_bounds(bounds[i], thresholds[begin + i], scale)
+            _integer_bounds(bounds[i], thresholds[y], scale)
             _clear(votes[i], seen[i])
             everywhere[i] = 0
             if masked:
-                _horizons(horizons[i], front[begin + i], horizon16)
+                _horizons(horizons[i], front[y], horizon16)
         for v in range(rows):
             for u in range(columns):
                 if not present[v, u]:
@@ -195,12 +198,12 @@ def photo_kernel(
                 column = margin + across[v, u]
                 w00, w01, w10, w11 = weights[v, u]
                 for i in range(block):
-                    y = begin + i
+                    y = lines[begin + i]
                     upper = min(max(y + down[v, u], 0), height - 1)
                     lower = min(max(y + down[v, u] + 1, 0), height - 1)
-                    first = np.uintp((view + upper) * row_size + column)
-                    second = np.uintp((view + lower) * row_size + column)
-                    _interpolate(levels, channels, data, first, second, length, w00, w01, w10, w11)
+                    above = np.uintp((view + upper) * row_size + column)
+                    below = np.uintp((view + lower) * row_size + column)
+                    _interpolate(levels, channels, data, above, below, length, w00, w01, w10, w11)
                     whole, at = True, np.uintp(0)
                     if masked:
                         there = y + nearest_down[v, u]
