@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from lfdepth.io.pixels import write_picture
     from lfdepth.lightfield import LightField
     from lfdepth.methods import Method, method
+    from lfdepth.probe.brightness import Equalisation, equalise, measure_brightness
     from lfdepth.probe.order import check_orientation
     from lfdepth.probe.ranges import find_range
     from lfdepth.render.refocus import all_in_focus, foreground_masks, refocus, write_masks
@@ -35,6 +36,7 @@ __version__ = "0.1.0"
 # Where each public name lives; resolved on first use so that `import lfdepth` costs next to nothing.
 _HOMES = {
     "Camera": "lfdepth.camera",
+    "Equalisation": "lfdepth.probe.brightness",
     "LightField": "lfdepth.lightfield",
     "LightFieldError": "lfdepth.errors",
     "Method": "lfdepth.methods",
@@ -42,10 +44,12 @@ _HOMES = {
     "Trace": "lfdepth.trace",
     "all_in_focus": "lfdepth.render.refocus",
     "check_orientation": "lfdepth.probe.order",
+    "equalise": "lfdepth.probe.brightness",
     "estimate": "lfdepth.estimation",
     "evaluate": "lfdepth.scoring",
     "find_range": "lfdepth.probe.ranges",
     "foreground_masks": "lfdepth.render.refocus",
+    "measure_brightness": "lfdepth.probe.brightness",
     "method": "lfdepth.methods",
     "read": "lfdepth.io",
     "read_confidence": "lfdepth.io",
@@ -58,6 +62,7 @@ _HOMES = {
 
 __all__ = [
     "Camera",
+    "Equalisation",
     "LightField",
     "LightFieldError",
     "Method",
@@ -65,10 +70,12 @@ __all__ = [
     "Trace",
     "all_in_focus",
     "check_orientation",
+    "equalise",
     "estimate",
     "evaluate",
     "find_range",
     "foreground_masks",
+    "measure_brightness",
     "method",
     "read",
     "read_confidence",

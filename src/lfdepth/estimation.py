@@ -14,7 +14,7 @@ from lfdepth.lightfield import LightField, check_range
 from lfdepth.memory import available_memory, size_text
 from lfdepth.methods import DEFAULT, Method, Problem, Work
 from lfdepth.methods import method as named_method
-from lfdepth.probe.ranges import find_range
+from lfdepth.probe.preparation import prepare
 from lfdepth.result import Result
 from lfdepth.trace import Progress, Trace
 
@@ -31,6 +31,7 @@ def estimate(
     progress: Progress | None = None,
     trace: Trace | None = None,
     force: bool = False,
+    equalise: bool = True,
     **options: Any,
 ) -> Result:
     """Estimate the disparity map of the reference view.
@@ -54,6 +55,8 @@ def estimate(
         Takes note of the run: time per block, intermediate results. It has its own `progress`.
     force
         Allow an extreme number of planes, and more memory than seems to be free.
+    equalise
+        Make the brightness of the views equal where it differs (`lfdepth.measure_brightness`).
     **options
         Parameters of the method, such as `step=0.02`.
 
@@ -72,11 +75,9 @@ def estimate(
     chosen.check(lf.shape)
     watched = trace or Trace(progress)
     with start_engine(engine, threads=threads) as used:
-        searched = range if range is not None else lf.disparity_range
-        found = searched is None
-        if searched is None:
-            searched = find_range(lf, engine=used)
-        searched = check_range(searched)
+        given = range if range is not None else lf.disparity_range
+        prepared = prepare(lf, given and check_range(given), equal=equalise, engine=used)
+        lf, searched = prepared.lf, prepared.range
         planes = chosen.planes_for(searched, force=force)
         if not force:
             _check_memory(lf, chosen, planes)
@@ -90,7 +91,8 @@ def estimate(
         method=chosen,
         engine=engine,
         version=__version__,
-        range_found=found,
+        range_found=prepared.range_found,
+        equalisation=prepared.equalisation,
     )
 
 

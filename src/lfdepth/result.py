@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from lfdepth.methods.base import Method
+    from lfdepth.probe.brightness import Equalisation
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +37,8 @@ class Result:
         Version of lfdepth.
     range_found
         Whether the range was found from the views, for want of a given one.
+    equalisation
+        How the brightness of the views differed; None if it was not looked at.
     """
 
     disparity: NDArray[np.float32]
@@ -47,3 +50,4 @@ class Result:
     engine: str
     version: str
     range_found: bool = False
+    equalisation: Equalisation | None = None

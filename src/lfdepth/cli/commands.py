@@ -49,6 +49,7 @@ if TYPE_CHECKING:
 DEMO_FOLDER = Path("lfdepth-demo")
 
 Quantity = Literal["disparity", "depth"]
+Equalise = Literal["auto", "off"]
 
 
 def estimate(
@@ -65,6 +66,7 @@ def estimate(
     engine: str = "cpu",
     threads: int | None = None,
     force: Flag = False,
+    equalise: Equalise = "auto",
     as_json: Json = False,
     options: Any = None,
     reading: ReadingParameters = AS_IT_IS,
@@ -103,6 +105,8 @@ def estimate(
         Number of threads; every processor by default.
     force
         Allow an extreme number of planes, and more memory than seems to be free.
+    equalise
+        auto: make the brightness of the views equal where it differs; off: take them as they are.
     """
     import lfdepth
     from lfdepth.cli.progress import Progress
@@ -118,7 +122,14 @@ def estimate(
         reading.require_order(lf)
     with Progress() as progress:
         result = lfdepth.estimate(
-            lf, chosen, range=range, threads=threads, progress=progress.step, force=force, engine=engine
+            lf,
+            chosen,
+            range=range,
+            threads=threads,
+            progress=progress.step,
+            force=force,
+            engine=engine,
+            equalise=equalise == "auto",
         )
     lfdepth.write(output, result, scene=lf, quantity=quantity, mesh=mesh)
     if preview is not None:
@@ -211,10 +222,14 @@ def info(
     check
         Look at the pixels, which takes a second or two.
     """
+    import lfdepth
+
     lf = reading.read(scene)
     orientation = reading.check_order(lf) if check else None
-    found, problem = _search_range(lf, orientation)
-    report(scene_facts(lf, orientation, found, problem), as_json, scene_text)
+    brightness = lfdepth.measure_brightness(lf) if orientation and not orientation.wrong else None
+    equal = lf if brightness is None else lfdepth.equalise(lf, brightness)
+    found, problem = _search_range(equal, orientation)
+    report(scene_facts(lf, orientation, found, problem, brightness), as_json, scene_text)
 
 
 @app.command(sort_key=5)
