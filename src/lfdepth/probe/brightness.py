@@ -31,7 +31,7 @@ _RINGS = 1.0, 1 / 3
 _SAMPLES, _FEWEST = 2000, 100
 _ROUNDS, _TURNS = 4, 3
 # What offsets (of full scale) and terms of the shading are expected to be, where the views do not tell.
-_USUAL_OFFSET, _USUAL_SHADING, _USUAL_DEVIATION = 0.03, 0.3, 0.05
+_USUAL_SHADING, _USUAL_DEVIATION = 0.3, 1.0
 # Error of a sample, of full scale, neighbours being alike.
 _ERROR = 0.01
 # From what effect on, of full scale and of what is left of the differences, gains are mended.
@@ -411,7 +411,7 @@ def _arrow(
     rest = weight * shared
     square = float((rest * shared).sum()) - float((right[..., 1] * own[..., 1]).sum())
     product = float((rest * target).sum()) - float((right[..., 1] * own[..., 0]).sum())
-    common = product / (square + _USUAL_SHADING**-2)
+    common = min(product / (square + _USUAL_SHADING**-2), 0.0)  # corners are never brighter
     return own[..., 0] - common * own[..., 1], common
 
 
