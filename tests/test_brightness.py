@@ -10,6 +10,7 @@ import pytest
 
 import lfdepth
 from lfdepth import scenes
+from lfdepth.engines import engine
 from lfdepth.lightfield import LightField
 from lfdepth.scenes.cameras import Imperfections, spoil
 
@@ -175,3 +176,18 @@ def test_the_number_of_threads_makes_no_difference(leaves: LightField) -> None:
     one, two = (lfdepth.measure_brightness(spoiled, threads=n) for n in (1, 2))
     np.testing.assert_array_equal(one.gain, two.gain)
     np.testing.assert_array_equal(one.shading, two.shading)
+
+
+def test_windows_are_averaged_alike_by_both_engines(leaves: LightField) -> None:
+    rng = np.random.default_rng(0)
+    present = rng.random((9, 9)) > 0.2
+    present[4, 4] = True
+    lf = replace(leaves, present=present)
+    points = rng.integers(3, 125, (60, 2))
+    disparity = rng.uniform(-2, 2, 60)
+    fast, plain = (
+        used.window_means(used.views(lf), points, disparity, 2)
+        for used in (engine("cpu", threads=1), engine("numpy"))
+    )
+    np.testing.assert_allclose(fast[0], plain[0], atol=1e-3)
+    np.testing.assert_array_equal(fast[1], plain[1])

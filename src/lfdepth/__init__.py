@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from lfdepth.lightfield import LightField
     from lfdepth.methods import Method, method
     from lfdepth.probe.brightness import Equalisation, equalise, measure_brightness
+    from lfdepth.probe.geometry import refine_positions, with_aspect
     from lfdepth.probe.order import check_orientation
     from lfdepth.probe.ranges import find_range
     from lfdepth.render.refocus import all_in_focus, foreground_masks, refocus, write_masks
@@ -54,7 +55,9 @@ _HOMES = {
     "read": "lfdepth.io",
     "read_confidence": "lfdepth.io",
     "read_disparity": "lfdepth.io",
+    "refine_positions": "lfdepth.probe.geometry",
     "refocus": "lfdepth.render.refocus",
+    "with_aspect": "lfdepth.probe.geometry",
     "write": "lfdepth.io",
     "write_masks": "lfdepth.render.refocus",
     "write_picture": "lfdepth.io.pixels",
@@ -80,7 +83,9 @@ __all__ = [
     "read",
     "read_confidence",
     "read_disparity",
+    "refine_positions",
     "refocus",
+    "with_aspect",
     "write",
     "write_masks",
     "write_picture",

@@ -14,6 +14,7 @@ from lfdepth.lightfield import LightField, check_range
 from lfdepth.memory import available_memory, size_text
 from lfdepth.methods import DEFAULT, Method, Problem, Work
 from lfdepth.methods import method as named_method
+from lfdepth.probe.checks import check_map
 from lfdepth.probe.preparation import prepare
 from lfdepth.result import Result
 from lfdepth.trace import Progress, Trace
@@ -32,6 +33,7 @@ def estimate(
     trace: Trace | None = None,
     force: bool = False,
     equalise: bool = True,
+    check: bool = True,
     **options: Any,
 ) -> Result:
     """Estimate the disparity map of the reference view.
@@ -57,6 +59,8 @@ def estimate(
         Allow an extreme number of planes, and more memory than seems to be free.
     equalise
         Make the brightness of the views equal where it differs (`lfdepth.measure_brightness`).
+    check
+        Check the map against the views afterwards (`Result.checks`); not counted in `Result.runtime`.
     **options
         Parameters of the method, such as `step=0.02`.
 
@@ -82,17 +86,21 @@ def estimate(
         if not force:
             _check_memory(lf, chosen, planes)
         maps = chosen.run(Problem(lf, searched, planes), Work(used, watched))
+        runtime = time.perf_counter() - started
+        disparity = np.clip(maps.disparity, *searched).astype(np.float32)
+        checks = check_map(prepared, disparity, maps.confidence, engine=used) if check else None
     return Result(
-        disparity=np.clip(maps.disparity, *searched).astype(np.float32),
+        disparity=disparity,
         confidence=maps.confidence,
         range=searched,
         planes=len(planes) if chosen.has_planes else 0,
-        runtime=time.perf_counter() - started,
+        runtime=runtime,
         method=chosen,
         engine=engine,
         version=__version__,
         range_found=prepared.range_found,
         equalisation=prepared.equalisation,
+        checks=checks,
     )
 
 

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     from lfdepth.methods.base import Method
     from lfdepth.probe.brightness import Equalisation
+    from lfdepth.probe.checks import Checks
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +40,8 @@ class Result:
         Whether the range was found from the views, for want of a given one.
     equalisation
         How the brightness of the views differed; None if it was not looked at.
+    checks
+        Whether the views agree with the map, and what may be wrong; None if that was not looked at.
     """
 
     disparity: NDArray[np.float32]
@@ -51,3 +54,4 @@ class Result:
     version: str
     range_found: bool = False
     equalisation: Equalisation | None = None
+    checks: Checks | None = None

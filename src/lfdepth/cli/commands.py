@@ -45,6 +45,7 @@ from lfdepth.errors import LightFieldError
 if TYPE_CHECKING:
     from lfdepth.lightfield import LightField
     from lfdepth.probe.order import Orientation
+    from lfdepth.result import Result
 
 DEMO_FOLDER = Path("lfdepth-demo")
 
@@ -67,6 +68,8 @@ def estimate(
     threads: int | None = None,
     force: Flag = False,
     equalise: Equalise = "auto",
+    aspect: float | None = None,
+    refine_positions: Flag = False,
     as_json: Json = False,
     options: Any = None,
     reading: ReadingParameters = AS_IT_IS,
@@ -107,6 +110,10 @@ def estimate(
         Allow an extreme number of planes, and more memory than seems to be free.
     equalise
         auto: make the brightness of the views equal where it differs; off: take them as they are.
+    aspect
+        Vertical steps of the views over horizontal ones, where they differ; 1 by default.
+    refine_positions
+        Estimate twice: the first map tells where the views stand, off the regular grid.
     """
     import lfdepth
     from lfdepth.cli.progress import Progress
@@ -120,24 +127,36 @@ def estimate(
     _check_output(output, lf, quantity, mesh)
     if range is None:
         reading.require_order(lf)
+    if aspect is not None:
+        lf = lfdepth.with_aspect(lf, aspect)
+    settings: dict[str, Any] = {
+        "threads": threads,
+        "force": force,
+        "engine": engine,
+        "equalise": equalise == "auto",
+    }
     with Progress() as progress:
-        result = lfdepth.estimate(
-            lf,
-            chosen,
-            range=range,
-            threads=threads,
-            progress=progress.step,
-            force=force,
-            engine=engine,
-            equalise=equalise == "auto",
-        )
+        if refine_positions:
+            first = lfdepth.estimate(lf, chosen, range=range, progress=progress.step, **settings)
+            lf, range = refined(lf, first), first.range
+        result = lfdepth.estimate(lf, chosen, range=range, progress=progress.step, **settings)
     lfdepth.write(output, result, scene=lf, quantity=quantity, mesh=mesh)
     if preview is not None:
         from lfdepth.pictures import preview as write_preview
 
         write_preview(result.disparity, preview)
     written = [str(path) for path in (output, preview) if path is not None]
+    for warning in result.checks.warnings if result.checks else ():
+        print(f"warning: {warning}", file=sys.stderr)
     report(estimate_facts(lf, result, progress, written), as_json, estimate_text)
+
+
+def refined(lf: LightField, first: Result) -> LightField:
+    """The light field with its views where a first estimate says that they stand."""
+    import lfdepth
+
+    equal = lf if first.equalisation is None else lfdepth.equalise(lf, first.equalisation)
+    return replace(lf, positions=lfdepth.refine_positions(equal, first.disparity).positions)
 
 
 def add_estimate(method: str) -> None:

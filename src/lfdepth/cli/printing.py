@@ -58,6 +58,7 @@ def estimate_facts(lf: LightField, result: Result, progress: Progress, written: 
         "ms_per_plane": 1000 * result.runtime / max(result.planes, 1),
         "compiled": progress.compiled,
         "brightness": result.equalisation and result.equalisation.as_dict(),
+        "checks": result.checks and result.checks.as_dict(),
         "written": list(written),
     }
 

@@ -73,24 +73,24 @@ class Probe:
 
     reference: NDArray[np.float32]
     views: NDArray[np.float32]
-    offsets: NDArray[np.int32]
+    offsets: NDArray[np.float64]
     shrink: int
     margin: int
 
     @property
-    def reach(self) -> int:
+    def reach(self) -> float:
         """How many view steps the outermost view is away."""
-        return int(np.abs(self.offsets).max())
+        return float(np.abs(self.offsets).max())
 
     @property
     def unit(self) -> float:
         """Disparity, px per view step, by which the outermost view moves one px of the shrunk views."""
         return self.shrink / self.reach
 
-    def ordered(self, order: Order) -> NDArray[np.int32]:
+    def ordered(self, order: Order) -> NDArray[np.float64]:
         """(N, 2) rows and columns of the views where the grid is taken in another order."""
         grid = self.offsets[:, ::-1] if order.transposed else self.offsets
-        return np.asarray(grid * np.array([1, -1 if order.mirrored else 1]), np.int32)
+        return np.asarray(grid * np.array([1, -1 if order.mirrored else 1]), np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,12 +183,13 @@ def make_probe(
         If no other view than the reference view is present.
     """
     v, u = lf.centre
-    offsets = _ring_offsets(lf, rings)
+    places = _ring_offsets(lf, rings)
+    offsets = lf.offsets[v + places[:, 0], u + places[:, 1]]
     margin = int(np.ceil(limit * float(np.abs(offsets).max()) / shrink)) + 2
     prepared = _contrast if contrast else _prepared
     reference = prepared(lf, (v, u), shrink)
     views = np.empty((len(offsets), reference.shape[0], reference.shape[1] + 2 * margin), np.float32)
-    for view, (down, across) in zip(views, offsets, strict=True):
+    for view, (down, across) in zip(views, places, strict=True):
         view[:] = np.pad(prepared(lf, (v + down, u + across), shrink), ((0, 0), (margin, margin)), "edge")
     return Probe(reference, views, offsets, shrink, margin)
 
@@ -218,7 +219,7 @@ def match(
     """
     grid = probe.ordered(order)
     step = float(planes[1] - planes[0])
-    sides = np.sign(grid).astype(np.int32)
+    sides = np.sign(np.rint(grid)).astype(np.int32)
     down, across = (np.outer(-planes / probe.shrink, grid[:, axis]) for axis in (0, 1))
     best, costs = engine.match(
         probe.reference,
