@@ -339,7 +339,7 @@ def test_info_without_camera_range_and_truth(scene: Path, run: Run) -> None:
     status, text, _ = run("info", "scene", "--no-check")
     assert status == 0
     assert text.count("unknown") == 3
-    assert "order   not checked" in text
+    assert "order       not checked" in text
 
 
 def test_info_finds_the_range_of_a_scene_that_has_none(scene: Path, run: Run) -> None:
@@ -363,7 +363,7 @@ def test_info_names_the_option_that_mends_the_order(scene: Path, run: Run) -> No
     assert facts["disparity_range"] is None
     _, text, _ = run("info", "scene")
     assert "use --flip-" in text
-    assert "range   unknown: the views have to be in order first" in text
+    assert "range       unknown: the views have to be in order first" in text
     for words in (
         ["estimate", "scene", "-o", "map.pfm"],
         ["mask", "scene", "--foreground-of", "0", "-o", "map"],
@@ -612,7 +612,7 @@ def test_range_is_asked_for_where_views_do_not_tell_it(scene: Path, run: Run) ->
     assert run("estimate", "scene", "-o", "map.pfm", "--range", "-0.5", "1.5")[0] == 0
     status, text, _ = run("info", "scene")
     assert status == 0
-    assert "range   unknown: scene: views agree on no disparity" in text
+    assert "range       unknown: scene: views agree on no disparity" in text
 
 
 def test_missing_library_is_named_before_the_work(

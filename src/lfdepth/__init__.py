@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from lfdepth.io.pixels import write_picture
     from lfdepth.lightfield import LightField
     from lfdepth.methods import Method, method
+    from lfdepth.probe.brightness import Equalisation, equalise, measure_brightness
+    from lfdepth.probe.geometry import refine_positions, with_aspect
     from lfdepth.probe.order import check_orientation
     from lfdepth.probe.ranges import find_range
     from lfdepth.render.refocus import all_in_focus, foreground_masks, refocus, write_masks
@@ -35,6 +37,7 @@ __version__ = "0.1.0"
 # Where each public name lives; resolved on first use so that `import lfdepth` costs next to nothing.
 _HOMES = {
     "Camera": "lfdepth.camera",
+    "Equalisation": "lfdepth.probe.brightness",
     "LightField": "lfdepth.lightfield",
     "LightFieldError": "lfdepth.errors",
     "Method": "lfdepth.methods",
@@ -42,15 +45,19 @@ _HOMES = {
     "Trace": "lfdepth.trace",
     "all_in_focus": "lfdepth.render.refocus",
     "check_orientation": "lfdepth.probe.order",
+    "equalise": "lfdepth.probe.brightness",
     "estimate": "lfdepth.estimation",
     "evaluate": "lfdepth.scoring",
     "find_range": "lfdepth.probe.ranges",
     "foreground_masks": "lfdepth.render.refocus",
+    "measure_brightness": "lfdepth.probe.brightness",
     "method": "lfdepth.methods",
     "read": "lfdepth.io",
     "read_confidence": "lfdepth.io",
     "read_disparity": "lfdepth.io",
+    "refine_positions": "lfdepth.probe.geometry",
     "refocus": "lfdepth.render.refocus",
+    "with_aspect": "lfdepth.probe.geometry",
     "write": "lfdepth.io",
     "write_masks": "lfdepth.render.refocus",
     "write_picture": "lfdepth.io.pixels",
@@ -58,6 +65,7 @@ _HOMES = {
 
 __all__ = [
     "Camera",
+    "Equalisation",
     "LightField",
     "LightFieldError",
     "Method",
@@ -65,15 +73,19 @@ __all__ = [
     "Trace",
     "all_in_focus",
     "check_orientation",
+    "equalise",
     "estimate",
     "evaluate",
     "find_range",
     "foreground_masks",
+    "measure_brightness",
     "method",
     "read",
     "read_confidence",
     "read_disparity",
+    "refine_positions",
     "refocus",
+    "with_aspect",
     "write",
     "write_masks",
     "write_picture",

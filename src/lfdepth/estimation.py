@@ -14,7 +14,8 @@ from lfdepth.lightfield import LightField, check_range
 from lfdepth.memory import available_memory, size_text
 from lfdepth.methods import DEFAULT, Method, Problem, Work
 from lfdepth.methods import method as named_method
-from lfdepth.probe.ranges import find_range
+from lfdepth.probe.checks import check_map
+from lfdepth.probe.preparation import prepare
 from lfdepth.result import Result
 from lfdepth.trace import Progress, Trace
 
@@ -31,6 +32,8 @@ def estimate(
     progress: Progress | None = None,
     trace: Trace | None = None,
     force: bool = False,
+    equalise: bool = True,
+    check: bool = True,
     **options: Any,
 ) -> Result:
     """Estimate the disparity map of the reference view.
@@ -54,6 +57,10 @@ def estimate(
         Takes note of the run: time per block, intermediate results. It has its own `progress`.
     force
         Allow an extreme number of planes, and more memory than seems to be free.
+    equalise
+        Make the brightness of the views equal where it differs (`lfdepth.measure_brightness`).
+    check
+        Check the map against the views afterwards (`Result.checks`); not counted in `Result.runtime`.
     **options
         Parameters of the method, such as `step=0.02`.
 
@@ -72,25 +79,28 @@ def estimate(
     chosen.check(lf.shape)
     watched = trace or Trace(progress)
     with start_engine(engine, threads=threads) as used:
-        searched = range if range is not None else lf.disparity_range
-        found = searched is None
-        if searched is None:
-            searched = find_range(lf, engine=used)
-        searched = check_range(searched)
+        given = range if range is not None else lf.disparity_range
+        prepared = prepare(lf, given and check_range(given), equal=equalise, engine=used)
+        lf, searched = prepared.lf, prepared.range
         planes = chosen.planes_for(searched, force=force)
         if not force:
             _check_memory(lf, chosen, planes)
         maps = chosen.run(Problem(lf, searched, planes), Work(used, watched))
+        runtime = time.perf_counter() - started
+        disparity = np.clip(maps.disparity, *searched).astype(np.float32)
+        checks = check_map(prepared, disparity, maps.confidence, engine=used) if check else None
     return Result(
-        disparity=np.clip(maps.disparity, *searched).astype(np.float32),
+        disparity=disparity,
         confidence=maps.confidence,
         range=searched,
         planes=len(planes) if chosen.has_planes else 0,
-        runtime=time.perf_counter() - started,
+        runtime=runtime,
         method=chosen,
         engine=engine,
         version=__version__,
-        range_found=found,
+        range_found=prepared.range_found,
+        equalisation=prepared.equalisation,
+        checks=checks,
     )
 
 

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from lfdepth.methods.base import Method
+    from lfdepth.probe.brightness import Equalisation
+    from lfdepth.probe.checks import Checks
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +38,10 @@ class Result:
         Version of lfdepth.
     range_found
         Whether the range was found from the views, for want of a given one.
+    equalisation
+        How the brightness of the views differed; None if it was not looked at.
+    checks
+        Whether the views agree with the map, and what may be wrong; None if that was not looked at.
     """
 
     disparity: NDArray[np.float32]
@@ -47,3 +53,5 @@ class Result:
     engine: str
     version: str
     range_found: bool = False
+    equalisation: Equalisation | None = None
+    checks: Checks | None = None

@@ -45,10 +45,12 @@ from lfdepth.errors import LightFieldError
 if TYPE_CHECKING:
     from lfdepth.lightfield import LightField
     from lfdepth.probe.order import Orientation
+    from lfdepth.result import Result
 
 DEMO_FOLDER = Path("lfdepth-demo")
 
 Quantity = Literal["disparity", "depth"]
+Equalise = Literal["auto", "off"]
 
 
 def estimate(
@@ -65,6 +67,9 @@ def estimate(
     engine: str = "cpu",
     threads: int | None = None,
     force: Flag = False,
+    equalise: Equalise = "auto",
+    aspect: float | None = None,
+    refine_positions: Flag = False,
     as_json: Json = False,
     options: Any = None,
     reading: ReadingParameters = AS_IT_IS,
@@ -103,6 +108,12 @@ def estimate(
         Number of threads; every processor by default.
     force
         Allow an extreme number of planes, and more memory than seems to be free.
+    equalise
+        auto: make the brightness of the views equal where it differs; off: take them as they are.
+    aspect
+        Vertical steps of the views over horizontal ones, where they differ; 1 by default.
+    refine_positions
+        Estimate twice: the first map tells where the views stand, off the regular grid.
     """
     import lfdepth
     from lfdepth.cli.ahead import KernelsAhead
@@ -113,24 +124,43 @@ def estimate(
     check_writable(output)
     if preview is not None:
         check_picture(preview, apart_from=output)
+    settings: dict[str, Any] = {
+        "threads": threads,
+        "force": force,
+        "engine": engine,
+        "equalise": equalise == "auto",
+    }
     progress = Progress()
     with KernelsAhead(chosen, engine, progress.note_compilation) as kernels:
         lf = reading.read(scene)
         _check_output(output, lf, quantity, mesh)
         if range is None:
             reading.require_order(lf)
+        if aspect is not None:
+            lf = lfdepth.with_aspect(lf, aspect)
         kernels.settle(lf.views.dtype.name)
         with progress:
-            result = lfdepth.estimate(
-                lf, chosen, range=range, threads=threads, progress=progress.step, force=force, engine=engine
-            )
+            if refine_positions:
+                first = lfdepth.estimate(lf, chosen, range=range, progress=progress.step, **settings)
+                lf, range = refined(lf, first), first.range
+            result = lfdepth.estimate(lf, chosen, range=range, progress=progress.step, **settings)
     lfdepth.write(output, result, scene=lf, quantity=quantity, mesh=mesh)
     if preview is not None:
         from lfdepth.pictures import preview as write_preview
 
         write_preview(result.disparity, preview)
     written = [str(path) for path in (output, preview) if path is not None]
+    for warning in result.checks.warnings if result.checks else ():
+        print(f"warning: {warning}", file=sys.stderr)
     report(estimate_facts(lf, result, progress, written), as_json, estimate_text)
+
+
+def refined(lf: LightField, first: Result) -> LightField:
+    """The light field with its views where a first estimate says that they stand."""
+    import lfdepth
+
+    equal = lf if first.equalisation is None else lfdepth.equalise(lf, first.equalisation)
+    return replace(lf, positions=lfdepth.refine_positions(equal, first.disparity).positions)
 
 
 def add_estimate(method: str | None) -> None:
@@ -216,10 +246,14 @@ def info(
     check
         Look at the pixels, which takes a second or two.
     """
+    import lfdepth
+
     lf = reading.read(scene)
     orientation = reading.check_order(lf) if check else None
-    found, problem = _search_range(lf, orientation)
-    report(scene_facts(lf, orientation, found, problem), as_json, scene_text)
+    brightness = lfdepth.measure_brightness(lf) if orientation and not orientation.wrong else None
+    equal = lf if brightness is None else lfdepth.equalise(lf, brightness)
+    found, problem = _search_range(equal, orientation)
+    report(scene_facts(lf, orientation, found, problem, brightness), as_json, scene_text)
 
 
 @app.command(sort_key=5)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from lfdepth.cli.progress import Progress
     from lfdepth.lightfield import LightField
+    from lfdepth.probe.brightness import Equalisation
     from lfdepth.probe.order import Orientation
     from lfdepth.result import Result
 
@@ -55,6 +56,8 @@ def estimate_facts(lf: LightField, result: Result, progress: Progress, written: 
         "runtime_s": result.runtime,
         "ms_per_plane": 1000 * result.runtime / max(result.planes, 1),
         "compiled": progress.compiled,
+        "brightness": result.equalisation and result.equalisation.as_dict(),
+        "checks": result.checks and result.checks.as_dict(),
         "written": list(written),
     }
 
@@ -67,6 +70,7 @@ def estimate_text(facts: Facts) -> str:
         {
             "scene": f"{facts['scene']}, {_shape_text(facts['shape'])}",
             "method": facts["method"]["name"],
+            "brightness": facts["brightness"]["message"] if facts["brightness"] else "as it is",
             "range": f"{_range_text(facts['range'])}{found}, {facts['planes']} planes",
             "time": f"{facts['runtime_s']:.2f} s, {facts['ms_per_plane']:.1f} ms per plane{compilation}",
             "written": ", ".join(facts["written"]),
@@ -134,6 +138,7 @@ def scene_facts(
     orientation: Orientation | None,
     found: tuple[float, float] | None,
     problem: str | None,
+    brightness: Equalisation | None = None,
 ) -> Facts:
     """What is known of a light field, with the range that was `found` for it, or the `problem` with that."""
     import numpy as np
@@ -145,6 +150,7 @@ def scene_facts(
         "dtype": lf.views.dtype.name,
         "absent_views": _absent(lf),
         "order": _order_facts(orientation) if orientation else None,
+        "brightness": brightness and brightness.as_dict(),
         "disparity_range": ends,
         "range_found": found is not None,
         "range_problem": problem,
@@ -168,6 +174,7 @@ def scene_text(facts: Facts) -> str:
             "scene": facts["name"],
             "views": f"{_shape_text(facts['shape'])}, {facts['dtype']}{absent}",
             "order": facts["order"]["message"] if facts["order"] else "not checked",
+            "brightness": facts["brightness"]["message"] if facts["brightness"] else "not checked",
             "range": _scene_range_text(facts),
             "depth": f"{depth[0]:.3g} to {depth[1]:.3g} m" if depth else "unknown",
             "camera": _camera_text(camera) if camera else "unknown",

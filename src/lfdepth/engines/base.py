@@ -379,6 +379,15 @@ class Engine(Protocol):
         For a list of pixels, in the views' own levels; infinite where no other view shows a pixel.
         """
 
+    def window_means(
+        self, views: Any, points: NDArray[np.int64], disparity: NDArray[np.float64], reach: int
+    ) -> tuple[Float, Bool]:
+        """Mean levels (V·U, N, C) of windows where views show points (N, 2) of the reference view; their use.
+
+        Windows are (2·`reach` + 1)² px about the nearest whole px, in the views' own levels; no use (V·U, N,
+        C) where a view is absent, the window leaves it, or a sample is 0 or white.
+        """
+
     # --- pictures from many views
 
     def seen(self, disparity: Float, offset: tuple[float, float], *, plane: float = 0.0) -> Float:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from lfdepth.engines.boxes import box_mean
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField, luma
 
@@ -27,6 +28,8 @@ PEAK = 2.5
 """Half the width of a minimum of the costs, in px by which the outermost view moves."""
 
 _DIRECTIONS = ((-1, -1), (-1, 0), (-1, 1), (0, -1), (0, 1), (1, -1), (1, 0), (1, 1))
+# Local contrast: radius of the surroundings, px, and the level below which it is not trusted, of 255.
+_SURROUNDINGS, _DARKNESS = 8, 8.0
 # By how much an aperture with fewer views has to be better than all of them: a factor, and grey levels.
 _PARTIAL = 1.1, 0.05
 
@@ -70,24 +73,24 @@ class Probe:
 
     reference: NDArray[np.float32]
     views: NDArray[np.float32]
-    offsets: NDArray[np.int32]
+    offsets: NDArray[np.float64]
     shrink: int
     margin: int
 
     @property
-    def reach(self) -> int:
+    def reach(self) -> float:
         """How many view steps the outermost view is away."""
-        return int(np.abs(self.offsets).max())
+        return float(np.abs(self.offsets).max())
 
     @property
     def unit(self) -> float:
         """Disparity, px per view step, by which the outermost view moves one px of the shrunk views."""
         return self.shrink / self.reach
 
-    def ordered(self, order: Order) -> NDArray[np.int32]:
+    def ordered(self, order: Order) -> NDArray[np.float64]:
         """(N, 2) rows and columns of the views where the grid is taken in another order."""
         grid = self.offsets[:, ::-1] if order.transposed else self.offsets
-        return np.asarray(grid * np.array([1, -1 if order.mirrored else 1]), np.int32)
+        return np.asarray(grid * np.array([1, -1 if order.mirrored else 1]), np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +158,9 @@ def plane_range(low: float, high: float, step: float) -> NDArray[np.float64]:
     return low + step * np.arange(max(2, int(np.ceil((high - low) / step)) + 1), dtype=np.float64)
 
 
-def make_probe(lf: LightField, limit: float, shrink: int, rings: Sequence[float]) -> Probe:
+def make_probe(
+    lf: LightField, limit: float, shrink: int, rings: Sequence[float], *, contrast: bool = False
+) -> Probe:
     """Take views for planes up to |D| = `limit` px per view step.
 
     Parameters
@@ -169,6 +174,8 @@ def make_probe(lf: LightField, limit: float, shrink: int, rings: Sequence[float]
     rings
         How far out views are taken, in eight directions, as shares of the grid's extent. Outer views are
         precise; inner ones see through gaps, and repeat themselves less.
+    contrast
+        Take local contrast instead of grey levels: it stays the same where brightness differs.
 
     Raises
     ------
@@ -176,12 +183,14 @@ def make_probe(lf: LightField, limit: float, shrink: int, rings: Sequence[float]
         If no other view than the reference view is present.
     """
     v, u = lf.centre
-    offsets = _ring_offsets(lf, rings)
+    places = _ring_offsets(lf, rings)
+    offsets = lf.offsets[v + places[:, 0], u + places[:, 1]]
     margin = int(np.ceil(limit * float(np.abs(offsets).max()) / shrink)) + 2
-    reference = _prepared(lf, (v, u), shrink)
+    prepared = _contrast if contrast else _prepared
+    reference = prepared(lf, (v, u), shrink)
     views = np.empty((len(offsets), reference.shape[0], reference.shape[1] + 2 * margin), np.float32)
-    for view, (down, across) in zip(views, offsets, strict=True):
-        view[:] = np.pad(_prepared(lf, (v + down, u + across), shrink), ((0, 0), (margin, margin)), "edge")
+    for view, (down, across) in zip(views, places, strict=True):
+        view[:] = np.pad(prepared(lf, (v + down, u + across), shrink), ((0, 0), (margin, margin)), "edge")
     return Probe(reference, views, offsets, shrink, margin)
 
 
@@ -210,7 +219,7 @@ def match(
     """
     grid = probe.ordered(order)
     step = float(planes[1] - planes[0])
-    sides = np.sign(grid).astype(np.int32)
+    sides = np.sign(np.rint(grid)).astype(np.int32)
     down, across = (np.outer(-planes / probe.shrink, grid[:, axis]) for axis in (0, 1))
     best, costs = engine.match(
         probe.reference,
@@ -286,3 +295,10 @@ def _prepared(lf: LightField, index: tuple[int, int], shrink: int) -> NDArray[np
     padded = np.pad(grey, 1, "edge")
     columns: NDArray[np.float32] = (padded[:-2] + 2 * padded[1:-1] + padded[2:]) / np.float32(4)
     return np.asarray((columns[:, :-2] + 2 * columns[:, 1:-1] + columns[:, 2:]) / np.float32(4))
+
+
+def _contrast(lf: LightField, index: tuple[int, int], shrink: int) -> NDArray[np.float32]:
+    """Difference of a prepared view to its surroundings, as a share of those, in 1/100."""
+    grey = _prepared(lf, index, shrink)
+    around = box_mean(grey, _SURROUNDINGS)
+    return np.asarray(100 * (grey - around) / (around + _DARKNESS), np.float32)

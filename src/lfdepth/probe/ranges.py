@@ -49,6 +49,10 @@ _COARSE = Evidence(share=5e-4, neighbours=2)
 _FINE = Evidence(share=1.5e-3, neighbours=6)
 # Of a surface that is seen only through the gaps of another, no pixel has that many neighbours.
 _GAPS = Evidence(share=5e-3, neighbours=3)
+# Beyond the usual limit only large surfaces count: what is periodic puts others there.
+_BEYOND = Evidence(share=1e-2, neighbours=6)
+# The wider limit, of the usual one, and the part of a limit from which on a range is thought to be cut off.
+_WIDER, _CUT_OFF, _SMALL_SIDE = 2.2, 0.95, 96
 _FEWEST = 8
 _RINGS = 1.0, 1 / 3
 # Shorter side, px, of the views for either sweep.
@@ -84,8 +88,8 @@ def find_range(
         Light field with its views in order; its own range, if it has one, is not looked at.
     limit
         Largest |D| to look for, px per view step; by default the one at which the outermost view moves by a
-        quarter of the picture. Periodic texture is ambiguous in a wide range: if nothing is found, narrower
-        ones are tried.
+        quarter of the picture, or half of it where large surfaces lie beyond. Periodic texture is ambiguous
+        in a wide range: if nothing is found, narrower ones are tried.
     threads
         Number of threads; None takes every processor. The result does not depend on it.
     engine
@@ -98,13 +102,16 @@ def find_range(
     Raises
     ------
     LightFieldError
-        If the views agree on no disparity, for want of texture or because their order is wrong; or the limit
-        is not positive.
+        If the views agree on no disparity, for want of texture or because their order is wrong; if
+        disparities reach the limit; or the limit is not positive.
     """
+    given = limit
     limit = widest(lf) if limit is None else limit
     if not (isfinite(limit) and limit > 0):
         raise LightFieldError(f"limit: found {limit}, expected a positive number of px per view step")
     with using(engine, threads=threads) as used:
+        if given is None and _reaches_beyond(lf, limit, used):
+            limit *= _WIDER
         found = coarse_range(make_probe(lf, limit, shrink_to(lf, _COARSE_SIDE), _RINGS), limit, used)
         if found is not None:
             probe = make_probe(lf, max(-found[0], found[1]), shrink_to(lf, _FINE_SIDE), _RINGS)
@@ -115,8 +122,22 @@ def find_range(
             f"{lf.name}: views agree on no disparity within {limit:g} px per view step; expected texture "
             "that moves with the views; give --range MIN MAX (range=(min, max) in Python), or check the order"
         )
+    if max(-found[0], found[1]) > _CUT_OFF * limit:
+        raise LightFieldError(
+            f"{lf.name}: disparities reach the search limit of {limit:g} px per view step, at which the "
+            f"outermost view moves by {limit * probe.reach:.0f} px; expected them within; "
+            "give --range MIN MAX (range=(min, max) in Python)"
+        )
     margin = min(_MARGIN * probe.unit, _WIDEST_MARGIN)
     return found[0] - margin, found[1] + margin
+
+
+def _reaches_beyond(lf: LightField, limit: float, engine: Engine) -> bool:
+    """Whether small pictures show surfaces beyond a limit."""
+    wider = _WIDER * limit
+    probe = make_probe(lf, wider, shrink_to(lf, _SMALL_SIDE), _RINGS)
+    found = ends(match(probe, plane_range(-wider, wider, probe.unit), engine), probe.unit, _BEYOND)
+    return found is not None and max(-found[0], found[1]) > _CUT_OFF * limit - probe.unit
 
 
 def coarse_range(

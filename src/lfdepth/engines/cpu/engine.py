@@ -26,6 +26,7 @@ from lfdepth.engines.cpu.kernels import refine as refine_kernels
 from lfdepth.engines.cpu.kernels import surface as surface_kernels
 from lfdepth.engines.cpu.kernels import visibility as visibility_kernels
 from lfdepth.engines.cpu.kernels import voting as voting_kernels
+from lfdepth.engines.cpu.kernels import windows as windows_kernels
 from lfdepth.engines.cpu.layout import ColourStack, GreyStack, NearestSurfaces, SplineViews, ViewsAsTheyAre
 from lfdepth.engines.cpu.workers import Workers
 from lfdepth.engines.layout import (
@@ -570,6 +571,22 @@ class CpuEngine:
         place = (views.views, views.reference, others, rows, columns, planes, least)
         self.workers.rows(len(rows), noise_kernels.residual_kernel, *place)
         return least
+
+    def window_means(
+        self,
+        views: ViewsAsTheyAre,
+        points: NDArray[np.int64],
+        disparity: NDArray[np.float64],
+        reach: int,
+    ) -> tuple[Float, NDArray[np.bool_]]:
+        """Mean levels of windows, and whether they are of use."""
+        count = views.views.shape[0] * views.views.shape[1]
+        means = np.empty((count, len(points), views.views.shape[4]), np.float32)
+        usable = np.empty(means.shape, np.bool_)
+        white = np.float32(255 / views.to_bytes)
+        source = (views.views, views.present, views.offsets, points, disparity, reach, white)
+        self.workers.rows(count, windows_kernels.window_kernel, *source, means, usable)
+        return means, usable
 
     # --- pictures from many views
 

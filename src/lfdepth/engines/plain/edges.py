@@ -75,6 +75,25 @@ def residuals(views: Views, y: NDArray[Any], x: NDArray[Any], planes: NDArray[np
     return lowest.astype(np.float32)
 
 
+def window_means(
+    views: Views, points: NDArray[np.int64], disparity: NDArray[np.float64], reach: int
+) -> tuple[Float, Bool]:
+    """Mean levels (V·U, N, C) of windows about the nearest whole px where views show points; their use."""
+    grid_v, grid_u, height, width, channels = views.views.shape
+    means = np.zeros((grid_v * grid_u, len(points), channels), np.float32)
+    usable = np.zeros(means.shape, np.bool_)
+    around = np.arange(-reach, reach + 1)
+    for n, (v, u) in enumerate(np.ndindex(grid_v, grid_u)):
+        place = np.rint(points - disparity[:, None] * views.offsets[v, u]).astype(np.int64)
+        inner = ((place >= reach) & (place < np.array([height, width]) - reach)).all(axis=1)
+        inner &= views.present[v, u]
+        rows, columns = (place[inner, axis, None] + around for axis in (0, 1))
+        windows = views.views[v, u][rows[:, :, None], columns[:, None, :]]
+        means[n, inner] = windows.mean(axis=(1, 2), dtype=np.float64)
+        usable[n, inner] = ((windows > 0) & (windows < views.full_scale)).all(axis=(1, 2))
+    return means, usable
+
+
 def decide(
     views: Views,
     disparity: Float,

@@ -328,6 +328,12 @@ class NumpyEngine:
         """Least difference of each pixel to all views."""
         return edges.residuals(views, rows, columns, planes)
 
+    def window_means(
+        self, views: Views, points: NDArray[np.int64], disparity: NDArray[np.float64], reach: int
+    ) -> tuple[Float, Bool]:
+        """Mean levels of windows, and whether they are of use."""
+        return edges.window_means(views, points, disparity, reach)
+
     # --- pictures from many views
 
     def seen(self, disparity: Float, offset: tuple[float, float], *, plane: float = 0.0) -> Float:

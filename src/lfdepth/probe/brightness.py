@@ -1,0 +1,434 @@
+"""Brightness that differs between the views: measured where they show the same surfaces, and made equal.
+
+Rigs have a gain and an offset per camera; plenoptic cameras darken towards the outer views and towards the
+corners of every view. A first, coarse map that looks at local contrast, which a gain does not change, says
+which blocks of the views show the same surface. There the levels of a view are a low polynomial over the view
+times those of the scene, plus an offset: few parameters, so that nothing of the scene itself goes into them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfdepth.engines import using
+from lfdepth.lightfield import FULL_SCALE, LightField
+from lfdepth.probe.matching import make_probe, match, plane_range, shrink_to, widest
+from lfdepth.probe.ranges import coarse_range
+
+if TYPE_CHECKING:
+    from lfdepth.engines.base import Engine
+
+Array = NDArray[np.float64]
+
+# Shorter side, px, of the views for the first map; windows that fit into the shorter side of the views.
+_SIDE, _WINDOWS = 256, 64
+_RINGS = 1.0, 1 / 3
+# Samples at most, and at least.
+_SAMPLES, _FEWEST = 2000, 100
+_ROUNDS, _TURNS = 4, 3
+# What offsets (of full scale) and terms of the shading are expected to be, where the views do not tell.
+_USUAL_SHADING, _USUAL_DEVIATION = 0.3, 1.0
+# Error of a sample, of full scale, neighbours being alike.
+_ERROR = 0.01
+# From what effect on, of full scale and of what is left of the differences, gains are mended.
+_NOTABLE, _APART = 0.002, 0.5
+# By which share parts of the model have to lessen what is left: gloss, occlusion and noise do by less.
+_VIGNETTING, _SHADING, _OFFSET = 0.01, 0.08, 0.045
+# Coefficient of x² + y² above which vignetting is none; rounding, of full scale.
+_FAINT_VIGNETTING, _ROUNDING = -0.04, 0.0003
+# A view is left out where fewer samples agree than this share of what agrees in the typical view.
+_AGREEING = 0.5
+_DARKEST, _DARK = 0.25, 0.01
+# Contrast (squared) below which offsets are not told from gains; least error that is one, of full scale.
+_FAINT, _FINEST = 1e-4, 0.0015
+_LUMA = np.array([0.299, 0.587, 0.114])
+
+
+@dataclass(frozen=True, eq=False)
+class Equalisation:
+    """How the brightness of each view differs from the reference view's.
+
+    A level L of the reference view is, in view (v, u) at (x, y), `gain·exp(shading·(x, y, x², xy, y²))·L +
+    offset`, with x and y from −1 to 1 over the picture.
+
+    Attributes
+    ----------
+    gain : ndarray, shape (V, U, C)
+        Factor.
+    offset : ndarray, shape (V, U, C)
+        Of full scale.
+    shading : ndarray, shape (V, U, 5)
+        Terms of the polynomial.
+    left_out : ndarray, shape (V, U)
+        True for views that are dark, empty or unlike the others.
+    effect : ndarray, shape (V, U)
+        Root mean square of what the differences change, of full scale.
+    samples : int
+        Blocks of the reference view from which this was measured; 0 if the views did not allow it.
+    needed : bool
+        Whether the differences are worth mending.
+    """
+
+    gain: Array
+    offset: Array
+    shading: Array
+    left_out: NDArray[np.bool_]
+    effect: Array
+    samples: int
+    needed: bool
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain dictionary that JSON can hold."""
+        return {
+            "needed": self.needed,
+            "measured": self.samples > 0,
+            "views_left_out": int(self.left_out.sum()),
+            "effect": float(self.effect.max()),
+            "gain": self.gain.tolist(),
+            "offset": self.offset.tolist(),
+            "shading": self.shading.tolist(),
+            "message": self.message,
+        }
+
+    @property
+    def message(self) -> str:
+        """What was found, in one line."""
+        if not self.samples:
+            return "not measured, no texture by which to tell"
+        left_out = int(self.left_out.sum())
+        dark = f"{left_out} dark or foreign views left out" if left_out else ""
+        if not self.needed:
+            return "; ".join(filter(None, ["the same in all views", dark]))
+        kept = ~self.left_out & (self.effect > 0)
+        gain = self.gain[kept] / self.gain[self.left_out.shape[0] // 2, self.left_out.shape[1] // 2]
+        parts = [f"gains {gain.min():.2f} to {gain.max():.2f}"] if kept.any() else []
+        if self.offset.any():
+            parts.append(
+                f"offsets {100 * self.offset[kept].min():.1f} to {100 * self.offset[kept].max():.1f} %"
+            )
+        if self.shading.any():
+            corners = np.exp(self.shading[..., [2, 4]].sum(axis=-1))
+            parts.append(f"shading, corners at {100 * float(np.median(corners)):.0f} %")
+        return "; ".join(filter(None, [f"differs between views ({', '.join(parts)}), made equal", dark]))
+
+
+def equalise(lf: LightField, found: Equalisation) -> LightField:
+    """The light field with the brightness of all views made that of the reference view.
+
+    Parameters
+    ----------
+    lf
+        Light field.
+    found
+        What was measured in its views.
+
+    Returns
+    -------
+    LightField
+        The very same where nothing has to be changed. Otherwise views of 8 bits become views of 16, so that
+        rounding adds no steps; views left out are absent.
+    """
+    if found.left_out.any():
+        there = np.ones(lf.shape[:2], np.bool_) if lf.present is None else lf.present
+        lf = replace(lf, present=there & ~found.left_out)
+    if not found.needed:
+        return lf
+    kind = "float32" if lf.views.dtype == np.float32 else "uint16"
+    white, views = FULL_SCALE[kind], np.zeros(lf.shape, kind)
+    terms = _terms(*np.meshgrid(*(np.linspace(-1, 1, n) for n in lf.shape[2:4]), indexing="ij"))
+    for index in np.ndindex(*lf.shape[:2]):
+        if lf.present is not None and not lf.present[index]:
+            continue
+        factor = (white / lf.full_scale / np.exp(terms @ found.shading[index])).astype(np.float32)
+        levels = lf.views[index] - (found.offset[index] * lf.full_scale).astype(np.float32)
+        levels *= factor[..., None] / found.gain[index].astype(np.float32)
+        np.clip(levels, 0, white, out=levels)
+        views[index] = levels if white == 1 else np.rint(levels)
+    return replace(lf, views=views)
+
+
+def measure_brightness(
+    lf: LightField,
+    disparity: NDArray[Any] | None = None,
+    *,
+    range: tuple[float, float] | None = None,
+    threads: int | None = None,
+    engine: Engine | None = None,
+) -> Equalisation:
+    """Measure how the brightness of the views differs from the reference view's.
+
+    Parameters
+    ----------
+    lf
+        Light field.
+    disparity
+        (H, W) disparity of the reference view, px per view step, NaN where it is unknown; None finds a coarse
+        one.
+    range
+        (min, max) of that disparity, if it is known.
+    threads
+        Number of threads; None takes every processor.
+    engine
+        Engine to use instead of the default one.
+
+    Returns
+    -------
+    Equalisation
+    """
+    with using(engine, threads=threads) as used:
+        if disparity is None:
+            disparity = _first_map(lf, range, used)
+        return _fitted(lf, disparity, used)
+
+
+def _first_map(
+    lf: LightField, range: tuple[float, float] | None, engine: Engine
+) -> NDArray[np.float32] | None:
+    """Coarse disparity by local contrast, of any size, NaN where it is not certain; None if there is none."""
+    shrink = shrink_to(lf, _SIDE)
+    limit = widest(lf) if range is None else max(-range[0], range[1], 0.1)
+    probe = make_probe(lf, limit, shrink, _RINGS, contrast=True)
+    if range is None:
+        range = coarse_range(probe, limit, engine)
+    if range is None:
+        return None
+    found = match(probe, plane_range(*range, probe.unit / 2), engine)
+    return np.where(found.coherent(0.5 * probe.unit, 3), found.disparity, np.float32(np.nan))
+
+
+def _terms(y: NDArray[Any], x: NDArray[Any]) -> NDArray[np.float32]:
+    """(…, 5) terms x, y, x², xy, y² of the shading."""
+    return np.stack([x, y, x * x, x * y, y * y], axis=-1).astype(np.float32)
+
+
+def _fitted(lf: LightField, disparity: NDArray[Any] | None, engine: Engine) -> Equalisation:
+    """The parameters that samples of the views ask for."""
+    if disparity is None:
+        return _unknown(lf)
+    reach = max(2, min(lf.height, lf.width) // _WINDOWS // 2)
+    points, d = _points(disparity, lf.shape[2:4], reach)
+    if d.size < _FEWEST:
+        return _unknown(lf)
+    views = engine.views(lf)
+    levels, valid = engine.window_means(views, points, d, reach)
+    levels /= lf.full_scale
+    steps = lf.offsets.reshape(-1, 2)
+    terms = _terms(
+        *(
+            2 * (at - d * step[:, None]) / max(size - 1, 1) - 1
+            for at, step, size in zip(points.T, steps.T, lf.shape[2:4], strict=True)
+        )
+    )
+    centre = lf.centre[0] * lf.shape[1] + lf.centre[1]
+    return _Fit(levels, valid, terms, centre).result(lf.available)
+
+
+def _unknown(lf: LightField) -> Equalisation:
+    v, u, channels = *lf.shape[:2], lf.shape[4]
+    return Equalisation(
+        np.ones((v, u, channels)),
+        np.zeros((v, u, channels)),
+        np.zeros((v, u, 5)),
+        np.zeros((v, u), np.bool_),
+        np.zeros((v, u)),
+        0,
+        False,
+    )
+
+
+def _points(disparity: NDArray[Any], size: tuple[int, int], reach: int) -> tuple[NDArray[np.int64], Array]:
+    """Pixels (N, 2) of the reference view with a known disparity, spread evenly, and that."""
+    known = np.flatnonzero(np.isfinite(disparity))
+    chosen = known[:: max(1, -(-known.size // _SAMPLES))]
+    scale = np.array(size) / disparity.shape
+    places = np.stack(np.divmod(chosen, disparity.shape[1]), axis=-1)
+    points: NDArray[np.int64] = ((places + 0.5) * scale).astype(np.int64)
+    inside = ((points >= reach) & (points < np.array(size) - reach)).all(axis=1)
+    return points[inside], disparity.flat[chosen[inside]].astype(np.float64)
+
+
+class _Fit:
+    """Gain, offset and shading per view, fitted robustly to samples."""
+
+    def __init__(
+        self, levels: NDArray[np.float32], valid: NDArray[np.bool_], terms: NDArray[np.float32], centre: int
+    ) -> None:
+        self.levels, self.valid, self.terms, self.centre = levels, valid, terms, centre
+        self.luma = _LUMA.astype(np.float32) if levels.shape[2] == 3 else np.ones(1, np.float32)
+        self.select()
+
+    def fit(self) -> None:
+        """Shading from logarithms, gains and offsets channel by channel, in turn."""
+        views, _, channels = self.levels.shape
+        self.gain, self.offset = np.ones((views, channels)), np.zeros((views, channels))
+        self.shading = np.zeros((views, 5))
+        shaded = self.with_vignetting or self.with_shading
+        for _ in range(_TURNS if shaded and self.with_offset else 1):
+            if shaded:
+                self._fit_shading()
+            self._fit_gains()
+
+    def _factor(self) -> NDArray[np.float32]:
+        """Shading (V·U, N) at the samples."""
+        return np.asarray(np.exp(np.einsum("vnk,vk->vn", self.terms, self.shading)), np.float32)
+
+    def _fit_shading(self) -> None:
+        """Vignetting that all views share, and what each view has besides, from logarithms of the luma."""
+        views, count, _ = self.levels.shape
+        lit = (self.levels - self.offset[:, None].astype(np.float32)) @ self.luma
+        usable = self.valid.all(axis=-1) & (lit > _DARK) & (lit[self.centre] > _DARK)
+        lit = np.maximum(lit, _DARK)
+        radius = self.terms[..., 2] + self.terms[..., 4]
+        target = np.log(lit) - np.log(lit[self.centre])
+        columns = [np.ones((views, count, 1), np.float32)]
+        prior = [1e-6]
+        if self.with_shading:
+            columns.append(self.terms)
+            prior += [_USUAL_DEVIATION**-2] * 5
+        design = np.concatenate(columns, axis=-1)
+        shared = radius - radius[self.centre] if self.with_vignetting else np.zeros_like(radius)
+        weight = np.where(usable, lit**2, 0).astype(np.float32)
+        for _ in range(_ROUNDS):
+            solved, common = _arrow(design, shared, target, weight / _ERROR**2, np.array(prior))
+            fitted = np.einsum("vnk,vk->vn", design, solved.astype(np.float32)) + np.float32(common) * shared
+            error = np.abs(target - fitted) * lit
+            weight = usable * lit**2 * _trust(error, usable)
+        self.shading = solved[:, 1:] if self.with_shading else np.zeros((views, 5))
+        self.shading = self.shading - self.shading[self.centre]
+        self.shading[:, [2, 4]] += common
+
+    def _fit_gains(self) -> None:
+        """Match means, and with offsets standard deviations, which noise and misalignment leave alike."""
+        factor = self._factor()
+        self.weight = np.ones(self.valid.shape[:2], np.float32)
+        scatter = []
+        for c in range(self.levels.shape[2]):
+            there, scene = (
+                self.levels[..., c],
+                factor * (self.levels[self.centre, :, c] / factor[self.centre]),
+            )
+            valid = self.valid[..., c] & self.valid[self.centre, :, c]
+            weight = valid.astype(np.float32)
+            for _ in range(_ROUNDS):
+                total = np.maximum(weight.sum(axis=1), 1e-6)
+                mean, of_scene = ((weight * values).sum(axis=1) / total for values in (there, scene))
+                slope = mean / np.maximum(of_scene, 1e-6)
+                if self.with_offset:
+                    spread = (weight * (there - mean[:, None]) ** 2).sum(axis=1) / total + _FAINT * mean**2
+                    usual = (weight * (scene - of_scene[:, None]) ** 2).sum(axis=1) / total
+                    slope = np.sqrt(spread / (usual + _FAINT * of_scene**2 + 1e-12))
+                offset = mean - slope * of_scene
+                error = np.abs(there - slope[:, None] * scene - offset[:, None])
+                weight = valid * _trust(error, valid)
+            self.gain[:, c], self.offset[:, c] = slope, offset if self.with_offset else 0
+            self.weight = np.minimum(self.weight, weight)
+            scatter.append(1.48 * _median(error, valid))
+        self.scatter = np.mean(scatter, axis=0)
+
+    def select(self) -> None:
+        """Keep only those parts of the model that make the views agree notably better."""
+        self.with_shading = self.with_vignetting = self.with_offset = False
+        self.fit()
+        self._try("with_vignetting", _VIGNETTING)
+        if self.with_vignetting and self.shading[self.centre, 2] > _FAINT_VIGNETTING:
+            self.with_vignetting = False
+            self.fit()
+        self._try("with_shading", _SHADING)
+        self._try("with_offset", _OFFSET)
+
+    def _try(self, part: str, share: float) -> None:
+        """Fit with one part more; undo it unless what is left of the differences falls by that share."""
+        before, state = self.left, dict(vars(self))
+        setattr(self, part, True)
+        if part == "with_shading":
+            self.with_vignetting = True
+        self.fit()
+        if self.left > (1 - share) * before:
+            vars(self).update(state)
+
+    @property
+    def left(self) -> float:
+        """Difference that is left in the typical view, of full scale."""
+        others = self.valid.any(axis=(1, 2)) & (np.arange(len(self.valid)) != self.centre)
+        return float(np.median(self.scatter[others])) + _ROUNDING if others.any() else _ROUNDING
+
+    def effect(self) -> Array:
+        """Root mean square, per view, of the difference that the parameters make to the reference view."""
+        scene, factor = self.levels[self.centre], self._factor()
+        factor = factor / factor[self.centre]
+        made = factor[..., None] * self.gain[:, None].astype(np.float32) * scene
+        made += self.offset[:, None].astype(np.float32)
+        return _rms(np.abs(made - scene).max(axis=-1), self.weight)
+
+    def unlike(self) -> NDArray[np.bool_]:
+        """Views (V·U,) that are dark, or in which far fewer samples than usual agree with the others."""
+        mean = self.levels.mean(axis=(1, 2))
+        seen = self.valid.all(axis=-1)
+        share = self.weight.sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
+        usual = np.median(share[share > 0]) if (share > 0).any() else 1.0
+        return np.asarray((mean < _DARKEST * mean[self.centre]) | (share < _AGREEING * usual))
+
+    def result(self, present: NDArray[np.bool_]) -> Equalisation:
+        """What was found, views that are unlike the others left out."""
+        left_out = present.reshape(-1) & self.unlike()
+        left_out[self.centre] = False
+        used = present.reshape(-1) & ~left_out
+        effect = np.where(used, self.effect(), 0)
+        # the brightness of the corners and the middle of the reference view meets half way
+        gain = self.gain * np.exp(-2 / 3 * self.shading[self.centre, 2])
+        return Equalisation(
+            gain=gain.reshape(*present.shape, -1),
+            offset=self.offset.reshape(*present.shape, -1),
+            shading=self.shading.reshape(*present.shape, -1),
+            left_out=left_out.reshape(present.shape),
+            effect=effect.reshape(present.shape),
+            samples=self.levels.shape[1],
+            needed=self._needed(effect, used),
+        )
+
+    def _needed(self, effect: Array, used: NDArray[np.bool_]) -> bool:
+        notable = np.maximum(_NOTABLE, _APART * self.scatter)
+        return self.with_vignetting or self.with_offset or bool((used & (effect > notable)).any())
+
+
+def _arrow(
+    design: NDArray[np.float32],
+    shared: NDArray[np.float32],
+    target: NDArray[np.float32],
+    weight: NDArray[np.float32],
+    prior: Array,
+) -> tuple[Array, float]:
+    """Least squares: target (V·U, N) = design (V·U, N, K) · parameters per view + shared (V·U, N) · one."""
+    weighted = np.swapaxes(design * weight[..., None], 1, 2)
+    left = (weighted @ design).astype(np.float64) + np.diag(prior)
+    right = (weighted @ np.stack([target, shared], axis=-1)).astype(np.float64)
+    own = np.linalg.solve(left, right)
+    # what is left of the shared column once the views' own are taken out
+    rest = weight * shared
+    square = float((rest * shared).sum()) - float((right[..., 1] * own[..., 1]).sum())
+    product = float((rest * target).sum()) - float((right[..., 1] * own[..., 0]).sum())
+    common = min(product / (square + _USUAL_SHADING**-2), 0.0)  # corners are never brighter
+    return own[..., 0] - common * own[..., 1], common
+
+
+def _median(values: NDArray[Any], valid: NDArray[np.bool_]) -> Array:
+    """Median (V·U,) of the valid values of each view; 1 where there is none."""
+    ordered = np.sort(np.where(valid, values, np.inf), axis=1)
+    count = valid.sum(axis=1)
+    middle = ordered[np.arange(len(values)), np.minimum(count // 2, values.shape[1] - 1)]
+    return np.where(count > 0, middle, 1.0)
+
+
+def _rms(values: NDArray[Any], weight: NDArray[np.float32]) -> Array:
+    total = np.maximum(weight.sum(axis=1), 1e-6)
+    return np.asarray(np.sqrt((weight * values**2).sum(axis=1) / total), np.float64)
+
+
+def _trust(error: NDArray[np.float32], valid: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Weight (V·U, N) in [0, 1] of samples with these errors: little for what most others contradict."""
+    scale = np.maximum(1.48 * _median(error, valid), _FINEST).astype(np.float32)[:, None]
+    return np.asarray(1 / (1 + (error / (2 * scale)) ** 2) ** 2, np.float32)

@@ -1,0 +1,193 @@
+"""Brightness that differs between views: what is found against what was put in, and the map against truth."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lfdepth
+from lfdepth import scenes
+from lfdepth.engines import engine
+from lfdepth.lightfield import LightField
+from lfdepth.scenes.cameras import Imperfections, spoil
+
+NOISE = 0.002
+TOGETHER = Imperfections(
+    gain=0.1, offset=0.02, white_balance=0.05, falloff=0.6, vignetting=0.7, wandering=0.3, noise=NOISE
+)
+
+
+@pytest.fixture(scope="module")
+def leaves() -> LightField:
+    return scenes.render("leaves", size=128, views=9, seed=3, samples=2)
+
+
+def bad_pixels(lf: LightField, method: str, *, equalise: bool = True) -> float:
+    assert lf.truth is not None
+    found = lfdepth.estimate(lf, method, equalise=equalise, threads=2).disparity
+    return 100 * float((np.abs(found - lf.truth)[15:-15, 15:-15] > 0.07).mean())
+
+
+@pytest.mark.parametrize("name", scenes.NAMES)
+@pytest.mark.parametrize(("size", "views", "seed"), [(128, 9, 3), (96, 5, 1)])
+def test_views_that_agree_stay_the_very_same(name: str, size: int, views: int, seed: int) -> None:
+    lf = scenes.render(name, size=size, views=views, seed=seed, samples=2)
+    assert lfdepth.equalise(lf, lfdepth.measure_brightness(lf)) is lf
+
+
+@pytest.mark.parametrize("name", ["cotton", "backgammon"])
+def test_real_views_that_agree_stay_the_very_same(name: str, data_folder: Path) -> None:
+    lf = lfdepth.read(data_folder / "hci4d" / name)
+    assert lfdepth.equalise(lf, lfdepth.measure_brightness(lf)) is lf
+
+
+def test_gains_are_found(leaves: LightField) -> None:
+    rng = np.random.default_rng(0)
+    gain = 1 + 0.05 * rng.standard_normal((9, 9, 3))
+    gain[4, 4] = 1
+    views = np.clip(leaves.views * gain[:, :, None, None], 0, 255)
+    found = lfdepth.measure_brightness(replace(leaves, views=np.rint(views).astype(np.uint8)))
+    assert found.needed
+    np.testing.assert_allclose(found.gain, gain, atol=0.007)
+    assert not found.offset.any()
+    assert not found.shading.any()
+
+
+def test_gains_of_channels_and_offsets_are_found(leaves: LightField) -> None:
+    rng = np.random.default_rng(0)
+    offset = 0.02 * rng.standard_normal((9, 9))
+    offset[4, 4] = 0
+    views = np.clip(leaves.views + 255 * offset[:, :, None, None, None], 0, 255)
+    found = lfdepth.measure_brightness(replace(leaves, views=np.rint(views).astype(np.uint8)))
+    error = found.offset.mean(axis=-1) - offset
+    assert np.sqrt((error**2).mean()) < 0.0045
+
+
+def test_equalised_views_are_what_they_would_have_been(leaves: LightField) -> None:
+    spoiled = spoil(leaves, Imperfections(gain=0.1, offset=0.02, white_balance=0.05, falloff=0.6))
+    mended = lfdepth.equalise(spoiled, lfdepth.measure_brightness(spoiled))
+    intact = (spoiled.views > 0) & (spoiled.views < 255)
+    error = (mended.views / 65535 - leaves.views / 255)[intact]
+    assert np.sqrt((error**2).mean()) < 0.004
+    assert np.sqrt(((spoiled.views - leaves.views.astype(float))[intact] ** 2).mean()) / 255 > 0.07
+
+
+def test_samples_keep_their_kind(leaves: LightField) -> None:
+    """8 bits become 16, so that rounding adds nothing; the same levels mean the same in all of them."""
+    spoiled = spoil(leaves, Imperfections(gain=0.1))
+    found = lfdepth.measure_brightness(spoiled)
+    levels = {}
+    for dtype in ("uint8", "uint16", "float32"):
+        mended = lfdepth.equalise(spoiled.with_samples(dtype), found)
+        assert mended.views.dtype == ("uint16" if dtype == "uint8" else dtype)
+        levels[dtype] = mended.views / mended.full_scale
+    np.testing.assert_allclose(levels["uint8"], levels["uint16"], atol=1.6e-5)
+    np.testing.assert_allclose(levels["uint8"], levels["float32"], atol=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("case", "method"),
+    [
+        (Imperfections(gain=0.1, noise=NOISE), "fbs-vis"),
+        (Imperfections(vignetting=0.7, noise=NOISE), "fbs-vis"),
+        (Imperfections(vignetting=0.7, wandering=0.5, noise=NOISE), "fbs-vis"),
+        (TOGETHER, "fbs-vis"),
+        (Imperfections(gain=0.1, noise=NOISE), "fbs-sfa"),
+        (Imperfections(gain=0.1, noise=NOISE), "fbs"),
+        (Imperfections(gain=0.1, noise=NOISE), "fbsocc-sfa"),
+    ],
+)
+def test_the_map_is_as_good_as_with_equal_brightness(
+    case: Imperfections, method: str, leaves: LightField
+) -> None:
+    clean = bad_pixels(spoil(leaves, Imperfections(noise=NOISE)), method, equalise=False)
+    assert bad_pixels(spoil(leaves, case), method) < 1.25 * clean
+
+
+def test_without_it_the_map_is_lost(leaves: LightField) -> None:
+    """Else the tests above would show nothing."""
+    assert bad_pixels(spoil(leaves, Imperfections(gain=0.1)), "fbs-vis", equalise=False) > 30
+
+
+@pytest.mark.parametrize("name", ["leaves", "range-4", "fence", "noise-2"])
+def test_the_range_is_found(name: str) -> None:
+    lf = scenes.render(name, size=128, views=9, seed=3, samples=2)
+    assert lf.truth is not None
+    spoiled = replace(spoil(lf, TOGETHER), disparity_range=None)
+    low, high = lfdepth.estimate(spoiled, "fbs", step=None, planes=3).range
+    assert abs(low - lf.truth.min()) < 0.3
+    assert abs(high - lf.truth.max()) < 0.3
+
+
+def test_dark_views_are_left_out(data_folder: Path) -> None:
+    """The outer views of a plenoptic camera lie beyond the main lens's aperture."""
+    lf = lfdepth.read(data_folder / "lytro_bikes_crop_eslf.png", views=(13, 13))
+    full = replace(lf, present=None)
+    found = lfdepth.measure_brightness(full)
+    mean = full.views.mean(axis=(2, 3, 4)) / full.reference.mean()
+    assert found.left_out[mean < 0.2].all()
+    assert not found.left_out[mean > 0.6].any()
+    mended = lfdepth.equalise(full, found)
+    assert mended.present is not None
+    np.testing.assert_array_equal(mended.present, ~found.left_out)
+
+
+def test_empty_views_are_left_out(leaves: LightField) -> None:
+    views = leaves.views.copy()
+    for corner in ((0, 0), (0, 8), (8, 0), (8, 8)):
+        views[corner] = 0
+    found = lfdepth.measure_brightness(replace(leaves, views=views))
+    assert found.left_out.sum() == 4
+    assert found.left_out[[0, 0, 8, 8], [0, 8, 0, 8]].all()
+    assert "4 dark" in found.message
+
+
+def test_absent_views_are_not_looked_at(leaves: LightField) -> None:
+    present = np.ones((9, 9), np.bool_)
+    present[0] = False
+    rest = np.where(present[:, :, None, None, None], leaves.views, 0)
+    lf = replace(leaves, views=rest, present=present)
+    found = lfdepth.measure_brightness(lf)
+    assert not found.left_out.any()
+    assert lfdepth.equalise(lf, found) is lf
+
+
+def test_clipped_pixels_are_not_looked_at(leaves: LightField) -> None:
+    views = leaves.views.astype(float)
+    views[..., 20:60, :, :] = views[..., 20:60, :, :] * 3  # a bright band, white in the brighter views
+    gain = np.linspace(0.8, 1.2, 9)[:, None, None, None, None]
+    spoiled = np.rint(np.clip(views * gain / gain[4], 0, 255)).astype(np.uint8)
+    found = lfdepth.measure_brightness(replace(leaves, views=spoiled))
+    np.testing.assert_allclose(found.gain[:, 4, 1], gain.ravel() / gain.ravel()[4], rtol=0.01)
+
+
+def test_without_texture_nothing_is_changed() -> None:
+    lf = LightField(np.full((5, 5, 64, 64, 3), 90, np.uint8))
+    found = lfdepth.measure_brightness(lf)
+    assert found.samples == 0
+    assert lfdepth.equalise(lf, found) is lf
+
+
+def test_the_number_of_threads_makes_no_difference(leaves: LightField) -> None:
+    spoiled = spoil(leaves, TOGETHER)
+    one, two = (lfdepth.measure_brightness(spoiled, threads=n) for n in (1, 2))
+    np.testing.assert_array_equal(one.gain, two.gain)
+    np.testing.assert_array_equal(one.shading, two.shading)
+
+
+def test_windows_are_averaged_alike_by_both_engines(leaves: LightField) -> None:
+    rng = np.random.default_rng(0)
+    present = rng.random((9, 9)) > 0.2
+    present[4, 4] = True
+    lf = replace(leaves, present=present)
+    points = rng.integers(3, 125, (60, 2))
+    disparity = rng.uniform(-2, 2, 60)
+    fast, plain = (
+        used.window_means(used.views(lf), points, disparity, 2)
+        for used in (engine("cpu", threads=1), engine("numpy"))
+    )
+    np.testing.assert_allclose(fast[0], plain[0], atol=1e-3)
+    np.testing.assert_array_equal(fast[1], plain[1])

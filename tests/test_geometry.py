@@ -1,0 +1,148 @@
+"""Where views stand, what checks of a map say, ranges beyond the usual limit: against exact scenes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lfdepth
+from fields import quantise, texture
+from lfdepth import scenes
+from lfdepth.errors import LightFieldError
+from lfdepth.lightfield import LightField, grid_offsets
+from lfdepth.probe.geometry import measure_aspect, measure_positions
+
+GRID = (7, 7)
+RANGE = (-1.2, 1.2)
+
+
+def field(
+    steps: Any, near: float = 1.0, far: float = -1.0, size: tuple[int, int] = (96, 112), grid: Any = GRID
+) -> LightField:
+    """A rectangle before a wall, from views that stand `steps` (V, U, 2) from the reference view."""
+    rng = np.random.default_rng(5)
+    height, width = size
+    wall, front = (texture(rng, waves=24, shortest=6, longest=40) for _ in "12")
+    y, x = np.mgrid[:height, :width].astype(float)
+
+    def inside(column: Any, row: Any) -> Any:
+        return (abs(column - 0.45 * width) < 0.22 * width) & (abs(row - 0.5 * height) < 0.3 * height)
+
+    views = np.empty((*grid, height, width))
+    for v, u in np.ndindex(*grid):
+        down, across = steps[v, u]
+        covered = inside(x + near * across, y + near * down)
+        views[v, u] = np.where(
+            covered, front(x + near * across, y + near * down), wall(x + far * across, y + far * down)
+        )
+    truth = np.where(inside(x, y), near, far).astype(np.float32)
+    return LightField(quantise(views, "uint8")[..., None], truth=truth)
+
+
+def jittered(amount: float) -> Any:
+    steps = grid_offsets(GRID) + amount * np.random.default_rng(1).standard_normal((*GRID, 2))
+    return steps - steps[3, 3]
+
+
+def bad_pixels(disparity: Any, lf: LightField) -> float:
+    assert lf.truth is not None
+    return 100 * float((np.abs(disparity - lf.truth)[8:-8, 8:-8] > 0.07).mean())
+
+
+@pytest.mark.parametrize("aspect", [1.0, 0.8, 0.5, 1.5])
+def test_the_ratio_of_steps_is_measured(aspect: float) -> None:
+    found = measure_aspect(field(grid_offsets(GRID) * [aspect, 1]), RANGE)
+    assert found is not None
+    assert abs(found - aspect) < 0.02
+
+
+@pytest.mark.parametrize("aspect", [0.8, 0.5])
+def test_the_ratio_of_steps_is_warned_of_and_used(aspect: float) -> None:
+    lf = field(grid_offsets(GRID) * [aspect, 1])
+    result = lfdepth.estimate(lf, "fbs-sfa", range=RANGE)
+    assert result.checks is not None
+    assert any(f"--aspect {aspect:.1f}" in warning for warning in result.checks.warnings)
+    told = lfdepth.estimate(lfdepth.with_aspect(lf, aspect), "fbs-sfa", range=RANGE)
+    assert bad_pixels(told.disparity, lf) < 4
+    assert bad_pixels(result.disparity, lf) > 20
+    assert told.checks is not None
+    assert not any("vertical steps" in warning for warning in told.checks.warnings)
+
+
+def test_views_off_the_grid_are_found_and_used() -> None:
+    steps = jittered(0.15)
+    lf, regular = field(steps), field(grid_offsets(GRID))
+    first = lfdepth.estimate(lf, range=RANGE)
+    assert first.checks is not None
+    assert any("--refine-positions" in warning for warning in first.checks.warnings)
+    refined = lfdepth.refine_positions(lf, first.disparity)
+    again = lfdepth.estimate(refined, range=RANGE)
+    clean = lfdepth.estimate(regular, range=RANGE)
+    assert bad_pixels(again.disparity, lf) < 1.3 * bad_pixels(clean.disparity, regular) + 0.1
+    assert clean.checks is not None
+    assert clean.checks.warnings == ()
+
+
+def test_positions_are_those_of_the_cameras() -> None:
+    steps = jittered(0.05)
+    lf = field(steps)
+    found, off = measure_positions(lf, np.asarray(lf.truth))
+    assert found is not None
+    assert np.abs(found - (steps - grid_offsets(GRID))).mean() < 0.018
+    assert 0.03 < off < 0.08
+
+
+def test_a_range_that_cuts_off_the_scene_is_warned_of() -> None:
+    result = lfdepth.estimate(field(grid_offsets(GRID)), "fbs-sfa", range=(-0.5, 1.2))
+    assert result.checks is not None
+    assert any("ends of the range" in warning for warning in result.checks.warnings)
+
+
+def test_brightness_left_as_it_is_is_warned_of() -> None:
+    lf = field(grid_offsets(GRID))
+    gain = 1 + 0.1 * np.random.default_rng(0).standard_normal((*GRID, 1, 1, 1))
+    gain[3, 3] = 1
+    uneven = replace(lf, views=np.rint(np.clip(lf.views * gain, 0, 255)).astype(np.uint8))
+    left = lfdepth.estimate(uneven, "fbs-sfa", range=RANGE, equalise=False)
+    assert left.checks is not None
+    assert "brightness" in left.checks.warnings[0]
+
+
+@pytest.mark.parametrize(("near", "far"), [(27.0, 22.0), (27.0, 4.0)])
+def test_disparities_beyond_the_usual_limit_are_found(near: float, far: float) -> None:
+    """The usual limit is 20: there the outermost view moves by a quarter of the picture."""
+    steps = grid_offsets((1, 5))
+    lf = field(steps, near, far, (96, 160), (1, 5))
+    low, high = lfdepth.find_range(lf)
+    assert abs(low - far) < 0.3
+    assert abs(high - near) < 0.3
+
+
+def test_disparities_at_the_limit_are_refused() -> None:
+    lf = field(grid_offsets((1, 5)), 9.9, 2.0, (96, 160), (1, 5))
+    with pytest.raises(LightFieldError, match="reach the search limit of 10 px"):
+        lfdepth.find_range(lf, limit=10)
+
+
+@pytest.mark.parametrize("name", ["demo", "fence", "bars", "strips", "leaves", "sphere", "noise-1"])
+def test_nothing_is_warned_of_where_nothing_is_wrong(name: str) -> None:
+    lf = scenes.render(name, size=128, views=9, seed=3, samples=2)
+    result = lfdepth.estimate(lf)
+    assert result.checks is not None
+    assert result.checks.warnings == ()
+
+
+def test_views_in_another_order_are_warned_of() -> None:
+    lf = field(grid_offsets(GRID))
+    swapped = replace(lf, views=np.ascontiguousarray(lf.views.transpose(1, 0, 2, 3, 4)))
+    result = lfdepth.estimate(swapped, range=RANGE)
+    assert result.checks is not None
+    assert any("order of the views" in warning for warning in result.checks.warnings)
+
+
+def test_a_ratio_that_is_none() -> None:
+    with pytest.raises(LightFieldError, match="aspect: found 0"):
+        lfdepth.with_aspect(field(grid_offsets(GRID)), 0)
