@@ -87,15 +87,15 @@ def _slopes(
     nearest = splat(disparity, views.chosen, views.offsets).nearest
     hidden = (disparity + np.float32(margin)) * np.float32(DISPARITY_PARTS)
     sees, steps, levels = [], [], []
-    for (v, u), spline in views.coefficients.items():
-        down, across = views.offsets[v, u].astype(np.float32)
+    for place, spline in views.coefficients.items():
+        down, across = views.offsets[place].astype(np.float32)
         to_y, to_x = y - down * disparity, x - across * disparity
         inside = (to_y >= 0) & (to_x >= 0) & (to_y <= size[0] - 1) & (to_x <= size[1] - 1)
         row, column = (
             np.clip((at + np.float32(0.5)).astype(np.int64), 0, n - 1)
             for at, n in zip((to_y, to_x), size, strict=True)
         )
-        sees.append(inside & (nearest[v, u, row, column] <= hidden))
+        sees.append(inside & (nearest[*place, row, column] <= hidden))
         steps.append((float(down), float(across)))
         places = [to_y.astype(np.float64), to_x.astype(np.float64)]
         levels.append(ndimage.map_coordinates(spline, places, order=3, mode="mirror", prefilter=False))
