@@ -72,6 +72,19 @@ def test_evidence_agrees_with_the_oracle(lf: LightField) -> None:
 
 
 @pytest.mark.parametrize("lf", CASES, ids=NAMES)
+def test_engines_agree(lf: LightField) -> None:
+    disparity = rough(lf, 15)
+    with engine() as fast, engine("numpy") as plain:
+        found, expected = (gather_evidence(lf, disparity, SMALL, each) for each in (fast, plain))
+        alike = abs(found.weight - expected.weight) <= 0.01 * expected.weight + 0.01
+        assert alike.mean() > 0.97
+        np.testing.assert_allclose(found.step[alike], expected.step[alike], atol=1e-3)
+        np.testing.assert_allclose(found.trusted[alike], expected.trusted[alike], rtol=0.02, atol=0.02)
+        maps = [refine_disparity(lf, disparity, SMALL, engine=each) for each in (fast, plain)]
+    assert np.mean(abs(maps[0] - maps[1]) > 5e-4) < 0.03
+
+
+@pytest.mark.parametrize("lf", CASES, ids=NAMES)
 def test_refined_maps_agree_with_the_oracle(lf: LightField) -> None:
     disparity = rough(lf, 6)
     found = refine_disparity(lf, disparity, SMALL)

@@ -114,12 +114,13 @@ def test_a_scene_of_one_plane_gives_that_plane(disparity: float) -> None:
 
 
 def test_progress_counts_both_passes() -> None:
-    """And what follows either: a map, gloss, a decision, edges."""
+    """And what follows either: a map, gloss, a decision, edges, refinement."""
     seen: list[tuple[int, int, str]] = []
     lf = scene(12, size=(40, 44))
     estimate(lf, "fbs-vis", progress=lambda *step: seen.append(step), **OPTIONS)
     planes = len(naive.planes(RANGE, OPTIONS["step"]))
-    steps = ["plane"] * planes + ["first map"] + ["second count"] * planes + ["gloss", "decision", "edges"]
+    after = ["gloss", "decision", "edges", "refinement"]
+    steps = ["plane"] * planes + ["first map"] + ["second count"] * planes + after
     assert seen == [(k + 1, len(steps), what) for k, what in enumerate(steps)]
 
 

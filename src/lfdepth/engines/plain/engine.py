@@ -15,10 +15,11 @@ from numpy.typing import DTypeLike, NDArray
 
 from lfdepth.engines.base import Array, Bool, Box, Delta, Float, Gradient
 from lfdepth.engines.layout import SHARE_LEVELS, SURFACE_JUMP
-from lfdepth.engines.plain import edges, energy, filters, photo, pictures, voting
+from lfdepth.engines.plain import edges, energy, filters, photo, pictures, refine, voting
 from lfdepth.engines.plain.edges import Views
 from lfdepth.engines.plain.filters import Prepared
 from lfdepth.engines.plain.photo import ColourLevels, Surfaces
+from lfdepth.engines.plain.refine import Splines
 from lfdepth.engines.plain.voting import GreyLevels
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
@@ -279,6 +280,67 @@ class NumpyEngine:
         target, strength = energy.own_minima(signs, shares, weight, position, prior)
         fitted = energy.fit(position, target, strength, guide, radius, spacing, gate, ridge, sharpness)
         return energy.even(fitted, guide, gate, sharpness)
+
+    # --- refinement between planes
+
+    def spline_views(self, lf: LightField, chosen: Bool) -> Splines:
+        """Coefficients of interpolating splines."""
+        return refine.prepare(lf, chosen)
+
+    def ask_views(
+        self,
+        views: Splines,
+        disparity: Float,
+        *,
+        margin: float,
+        high_pass: float,
+        noise_blur: float,
+        least_noise: float,
+        fewest: int,
+        farthest: float,
+        halving: float,
+        jump: float,
+        rims: tuple[float, ...],
+    ) -> tuple[Float, Float, Float]:
+        """One Gauss–Newton step at every pixel."""
+        return refine.ask(
+            views,
+            disparity,
+            margin=margin,
+            high_pass=high_pass,
+            noise_blur=noise_blur,
+            least_noise=least_noise,
+            fewest=fewest,
+            farthest=farthest,
+            halving=halving,
+            jump=jump,
+            rims=rims,
+        )
+
+    def fit_steps(
+        self,
+        disparity: Float,
+        target: Float,
+        strength: Float,
+        guide: Float,
+        *,
+        radius: int,
+        spacing: int,
+        gate: float,
+        ridge: float,
+        sharpness: float,
+    ) -> Float:
+        """Planes fitted to targets."""
+        exact = target.astype(np.float64), strength.astype(np.float64)
+        return energy.fit(disparity, *exact, guide, radius, spacing, gate, ridge, sharpness)
+
+    def even_lattices(self, disparity: Float, guide: Float, *, gate: float, sharpness: float) -> Float:
+        """Means over pairs of opposite pixels."""
+        return energy.even(disparity, guide, gate, sharpness)
+
+    def blur(self, image: Float, deviation: float) -> Float:
+        """Gaussian mean."""
+        return refine.blur(image, deviation).astype(np.float32)
 
     # --- depth edges and noise
 
