@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
+SURFACE_JUMP = 0.25  # px per view step from which on neighbours are of two surfaces
+
 
 def between(image: Array, y: float, x: float) -> Array:
     """An image (H, W, ...) at a place between pixels; beyond the border the nearest one."""
@@ -65,21 +67,34 @@ def best_planes(costs: Array, apart: int) -> tuple[Array, Array]:
     return best, beside
 
 
-def seen(disparity: Array, offset: tuple[float, float], plane: float, jump: float) -> Array:
-    """What a view shows of a map: pixels, and points halfway to neighbours of the same surface."""
+def seen(disparity: Array, offset: tuple[float, float], plane: float) -> Array:
+    """What a view shows of a map as seen from a plane; −inf where nothing lands.
+
+    Each pixel lands on one; where neighbours of one surface land two apart, the farther one does so between.
+    Places are single precision, which decides which pixel is nearest where two are alike.
+    """
     height, width = disparity.shape
     out = np.full(disparity.shape, -np.inf)
-    for y, x, down, across in product(range(height), range(width), (0, 1), (0, 1)):
-        if y + down == height or x + across == width:
-            continue
-        here, there = float(disparity[y, x]), float(disparity[y + down, x + across])
-        if abs(there - here) >= jump:
-            continue
-        shift = (here + there) / 2 - plane
-        row = round(y + down / 2 - offset[0] * shift)
-        column = round(x + across / 2 - offset[1] * shift)
+
+    def place(y: int, x: int) -> tuple[int, int]:
+        moved = disparity[y, x] - np.float32(plane)
+        places = (np.float32(at) - np.float32(o) * moved for at, o in zip((y, x), offset, strict=True))
+        row, column = (int(np.floor(each + np.float32(0.5))) for each in places)
+        return row, column
+
+    def put(row: int, column: int, level: float) -> None:
         if 0 <= row < height and 0 <= column < width:
-            out[row, column] = max(out[row, column], min(here, there))
+            out[row, column] = max(out[row, column], level)
+
+    for y, x in np.ndindex(height, width):
+        (row, column), here = place(y, x), float(disparity[y, x])
+        put(row, column, here)
+        for axis, before in enumerate(((y - 1, x), (y, x - 1))):
+            if min(before) < 0 or (row, column)[axis] - place(*before)[axis] != 2:
+                continue
+            there = float(disparity[before])
+            if abs(here - there) < SURFACE_JUMP:
+                put(row - (axis == 0), column - (axis == 1), min(here, there))
     return out
 
 

@@ -581,8 +581,8 @@ def test_what_a_view_shows_agrees_with_the_oracle(
     used: Engine, offset: tuple[float, float], plane: float
 ) -> None:
     disparity = rough_map(np.random.default_rng(12), (11, 14))
-    found = used.seen(disparity, offset, plane=plane, jump=0.4)
-    np.testing.assert_array_equal(found, naive_pictures.seen(disparity, offset, plane, 0.4))
+    found = used.seen(disparity, offset, plane=plane)
+    np.testing.assert_array_equal(found, naive_pictures.seen(disparity, offset, plane))
 
 
 @pytest.mark.parametrize("dtype", fields.DTYPES)
@@ -591,7 +591,7 @@ def test_gathered_views_agree_with_the_oracle(used: Engine, offset: tuple[float,
     rng = np.random.default_rng([13, len(dtype)])
     lf = fields.light_field(rng, (3, 3), (11, 14), 3, dtype)
     disparity = rough_map(rng, (11, 14))
-    front = naive_pictures.seen(disparity, offset, 0.0, 0.4).astype(np.float32)
+    front = naive_pictures.seen(disparity, offset, 0.0).astype(np.float32)
     limit = disparity + np.float32(0.4)
     total, count = np.ones((11, 14, 3), np.float32), np.ones((11, 14), np.float32)
     used.gather(lf.views[0, 1], offset, disparity, total, count, front=front, limit=limit)
