@@ -64,7 +64,10 @@ def test_the_method_agrees_with_the_oracle(lf: LightField, options: dict[str, An
 def test_gloss_agrees_with_the_oracle(grid: tuple[int, int], dtype: str) -> None:
     """Where it decides much of the picture."""
     views = fields.quantise(fields.glossy_plane(np.random.default_rng(3), grid, (18, 36)), dtype)
-    lf, chosen = LightField(views, disparity_range=RANGE), FbsVis(**{**OPTIONS, "refine": False, "step": 0.25})
+    lf, chosen = (
+        LightField(views, disparity_range=RANGE),
+        FbsVis(**{**OPTIONS, "refine": False, "step": 0.25}),
+    )
     with_it = agree(lf, chosen)
     without = estimate(lf, replace(chosen, gloss=False))
     assert np.mean(np.abs(with_it.disparity - without.disparity) > 0.05) > 0.1
