@@ -125,7 +125,7 @@ def test_matches_agree_with_the_oracle(used: Engine, halves: bool) -> None:
     shifts = np.outer(-planes, grid[:, 0]), np.outer(-planes, grid[:, 1])
     sides = np.sign(grid).astype(np.int32)
     counts = np.array([5, 3, 3, 3, 4], np.float32)
-    apertures = (1 / (9 * counts), np.array([0, 1.0, 1.5, np.inf, 0.5], np.float32))
+    apertures = ((1 / (9 * counts)).astype(np.float32), np.array([0, 1.0, 1.5, np.inf, 0.5], np.float32))
     chosen = apertures[0][: 5 if halves else 1], apertures[1][: 5 if halves else 1]
     padded = np.pad(views, ((0, 0), (0, 0), (margin, margin)), "edge")
     best, beside = used.match(reference, padded, shifts, sides, chosen, margin=margin, apart=2, limit=20.0)
@@ -162,7 +162,7 @@ def test_votes_agree_with_the_oracle(used: Engine, grid: tuple[int, int], option
         for plane in planes:
             for mask in (None, (used.upload(foreground), offset)):
                 used.vote(views, plane, votes, evidence, mask=mask, **options)
-                rule = {} if mask is None else {"foreground": foreground, "offset": offset}
+                rule: Any = {} if mask is None else {"foreground": foreground, "offset": offset}
                 *sums, possible = naive.count(lf.views, plane, present=held, **options, **rule)
                 for found, expected in zip((votes, evidence), sums, strict=True):
                     parts = used.download(found).astype(np.float64) * max(possible, 1)
@@ -436,8 +436,8 @@ def test_joint_energies_agree_with_the_oracle(used: Engine, weight: float, strid
     signs = np.cumsum(rng.uniform(-0.4, 0.4, (13, 6, 35)), axis=0).astype(np.float32)
     shares = rng.integers(0, 256, (13, 6, 35)).astype(np.uint8)
     weights = (weight * rng.random((6, 35))).astype(np.float32)
-    volumes = (used.upload(each)[::stride] for each in (signs, shares))
-    found = used.download(used.paths(*volumes, weights, np.zeros((6, 35, 3), np.float32), **NO_PENALTY))
+    kept = used.upload(signs)[::stride], used.upload(shares)[::stride]
+    found = used.download(used.paths(*kept, weights, np.zeros((6, 35, 3), np.float32), **NO_PENALTY))
     joint = naive_vis.joint_energy(signs[::stride].astype(np.float64), shares[::stride] / 255, weights)
     assert np.abs(found - 4 * naive_vis.whole(joint)).max() <= 4
     assert found.min(axis=-1).max() == 0
@@ -505,10 +505,9 @@ def test_fitted_planes_agree_with_the_oracle(
     """Two surfaces, ends of the range, energies with and without a minimum; by way of the block's rule."""
     rng, planes = np.random.default_rng([*size, radius, channels]), 14
     near = fields.random_mask(rng, size)
-    position = np.where(near, 9, 3) + rng.normal(0, 0.7, size)
-    position = np.where(rng.random(size) < 0.1, rng.choice([0, planes - 1], size), position).astype(
-        np.float32
-    )
+    drawn = np.where(near, 9, 3) + rng.normal(0, 0.7, size)
+    position: Array = np.where(rng.random(size) < 0.1, rng.choice([0, planes - 1], size), drawn)
+    position = position.astype(np.float32)
     minimum = position + rng.normal(0, 0.5, size)
     signs = rng.uniform(-0.02, 0.1, size) * (np.arange(planes)[:, None, None] - minimum) ** 2
     signs = (signs + rng.normal(0, 0.03, signs.shape)).astype(np.float32)
@@ -627,7 +626,7 @@ def test_refinements_agree_with_the_oracle(used: Engine, grid: tuple[int, int], 
     lf = fields.scene(3, grid, (15, 19), 3, dtype)
     y, x = np.mgrid[:15, :19]
     inside = (abs(x - 0.45 * 19) < 0.2 * 19) & (abs(y - 7.5) < 3.75)
-    disparity = np.where(inside, 0.8, -0.6) + np.random.default_rng(14).normal(0, 0.02, (15, 19))
+    disparity: Array = np.where(inside, 0.8, -0.6) + np.random.default_rng(14).normal(0, 0.02, (15, 19))
     disparity = disparity.astype(np.float32)
     found = gather_evidence(lf, disparity, REFINEMENT, used)
     step, weight, trusted = naive_refine.evidence(lf.views, disparity, REFINEMENT)
