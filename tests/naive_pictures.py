@@ -114,3 +114,23 @@ def gathered(
         if all(front[p] <= limit[y, x] for p in touched):
             out[y, x], shown[y, x] = between(view, row, column), 1
     return out, shown
+
+
+def window_means(
+    views: Array, present: Array, points: Array, disparity: Array, reach: int, white: float
+) -> tuple[Array, Array]:
+    """Means (V·U, N, C) of windows where views show points, and whether no sample there is clipped."""
+    rows, columns, height, width, channels = views.shape
+    means = np.zeros((rows * columns, len(points), channels))
+    usable = np.zeros(means.shape, bool)
+    for i, j, n in product(range(rows), range(columns), range(len(points))):
+        y = round(points[n, 0] - (i - rows // 2) * disparity[n])
+        x = round(points[n, 1] - (j - columns // 2) * disparity[n])
+        fits = reach <= y < height - reach and reach <= x < width - reach
+        if not (fits and present[i, j]):
+            continue
+        window = views[i, j, y - reach : y + reach + 1, x - reach : x + reach + 1].astype(np.float64)
+        means[i * columns + j, n] = window.mean(axis=(0, 1))
+        usable[i * columns + j, n] = window.min(axis=(0, 1)) > 0
+        usable[i * columns + j, n] &= window.max(axis=(0, 1)) < white
+    return means, usable

@@ -564,6 +564,20 @@ def test_pixels_that_no_view_shows_have_no_residual(used: Engine) -> None:
     assert np.isinf(found).all()
 
 
+@pytest.mark.parametrize("dtype", fields.DTYPES)
+def test_window_means_agree_with_the_oracle(used: Engine, dtype: str) -> None:
+    rng = np.random.default_rng([16, len(dtype)])
+    present = fields.random_present(rng, (4, 5))
+    lf = fields.light_field(rng, (4, 5), (14, 17), 3, dtype, "noise", present)
+    lf.views[0, 0, 5, 6], lf.views[2, 2, 9, 3, 1] = 0, lf.full_scale
+    points, disparity = rng.integers(0, 14, (40, 2)), rng.uniform(-2, 2, 40)
+    means, usable = used.window_means(used.views(lf), points, disparity, 2)
+    expected = naive_pictures.window_means(lf.views, present, points, disparity, 2, lf.full_scale)
+    np.testing.assert_array_equal(usable, expected[1])
+    np.testing.assert_allclose(means[usable], expected[0][usable], rtol=1e-6)
+    assert 0 < usable.mean() < 1
+
+
 @pytest.mark.parametrize("radius", [1, 3])
 @pytest.mark.parametrize("weighed", [False, True])
 def test_medians_agree_with_the_oracle(used: Engine, radius: int, weighed: bool) -> None:
