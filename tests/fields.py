@@ -68,6 +68,13 @@ def two_planes(
     return views, np.where(inside(x, y), near, far)
 
 
+def glossy_plane(rng: np.random.Generator, grid: tuple[int, int], size: tuple[int, int]) -> Array:
+    """Views (V, U, H, W, 3) in [0, 1] of a textured plane at 0.5, its right half under a shine."""
+    paint = plane_views(texture(rng, shortest=3, longest=6), 0.5, grid, size)
+    shine = rng.uniform(0, 0.5, (*grid, 1, 1)) * (np.arange(size[1]) > size[1] / 2)
+    return np.stack([0.1 + 0.35 * paint**gamma + shine for gamma in (1.0, 0.7, 1.6)], axis=-1)
+
+
 def light_field(
     rng: np.random.Generator,
     grid: tuple[int, int] = (5, 5),

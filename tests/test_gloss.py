@@ -55,13 +55,6 @@ def window(stack_data: Array, grid: tuple[int, int], height: int, channels: int)
     return np.moveaxis(stack_data.reshape(*grid, height, channels, -1), 3, 4)
 
 
-def glossy_plane(rng: np.random.Generator, grid: tuple[int, int], size: tuple[int, int]) -> Array:
-    """Views (V, U, H, W, 3) in [0, 1] of a textured plane at 0.5, its right half under a shine."""
-    paint = fields.plane_views(fields.texture(rng, shortest=3, longest=6), 0.5, grid, size)
-    shine = rng.uniform(0, 0.5, (*grid, 1, 1)) * (np.arange(size[1]) > size[1] / 2)
-    return np.stack([0.1 + 0.35 * paint**gamma + shine for gamma in (1.0, 0.7, 1.6)], axis=-1)
-
-
 # Blocks against the oracle
 
 
@@ -91,7 +84,7 @@ def test_high_passed_views_agree_with_the_oracle(dtype: str, channels: int, disp
 def test_suspects_agree_with_the_oracle(grid: tuple[int, int], dtype: str) -> None:
     rng = np.random.default_rng([*grid, len(dtype)])
     size = (int(rng.integers(17, 30)), int(rng.integers(90, 130)))
-    views = fields.quantise(glossy_plane(rng, grid, size), dtype)
+    views = fields.quantise(fields.glossy_plane(rng, grid, size), dtype)
     texture = rng.uniform(0.3, 1, size).astype(np.float32)
     limits, planes = naive_vis.thresholds(views), np.array([1.0, 0.5, 0.0])
     for present in (np.ones(grid, np.bool_), fields.random_present(rng, grid)):
@@ -109,7 +102,7 @@ def test_suspects_agree_with_the_oracle(grid: tuple[int, int], dtype: str) -> No
 def test_counting_in_a_box_is_counting_high_passed_views_there(box: Box) -> None:
     rng = np.random.default_rng(5)
     grid, size, planes = (5, 3), (24, 40), np.array([0.9, 0.5, 0.1, -0.6])
-    views = fields.quantise(glossy_plane(rng, grid, size), "uint8")
+    views = fields.quantise(fields.glossy_plane(rng, grid, size), "uint8")
     present, limits = fields.random_present(rng, grid), naive_vis.thresholds(views)
     first = (np.where(np.arange(40) < 25, 0.8, -0.4) + rng.uniform(-0.1, 0.1, size)).astype(np.float32)
     smoothing = GuidedFilter(views[2, 1].astype(np.float32) / np.float32(255), 2, 1e-3)
@@ -208,7 +201,7 @@ def test_a_lambertian_surface_has_no_suspects() -> None:
     ("grid", "missing"), [((1, 9), None), ((9, 1), None), ((3, 3), (0, 0)), ((5, 5), "sides")]
 )
 def test_few_views_have_no_suspects(grid: tuple[int, int], missing: Any) -> None:
-    views = fields.quantise(glossy_plane(np.random.default_rng(4), grid, (24, 120)), "uint8")
+    views = fields.quantise(fields.glossy_plane(np.random.default_rng(4), grid, (24, 120)), "uint8")
     present = np.ones(grid, np.bool_)
     if missing == "sides":
         present[::2, ::2] = False

@@ -1,4 +1,7 @@
-"""The joint decoder against the oracle: energies, paths, minimum, and the laws of what comes of them."""
+"""The joint decoder against the oracle, and the laws of energies, paths, minima and what comes of them.
+
+Its parts are compared with the oracle on every engine in `test_engines`.
+"""
 
 from __future__ import annotations
 
@@ -14,16 +17,7 @@ import naive_vis
 from lfdepth.blocks import energy as joint
 from lfdepth.blocks.energy import JointEnergy, JointRule
 from lfdepth.blocks.smoothing import GuidedFilter
-from lfdepth.engines import engine
-from lfdepth.engines.cpu.kernels.energy import (
-    energy_kernel,
-    fill_islands_kernel,
-    horizontal_kernel,
-    store_photo_kernel,
-    store_signs_kernel,
-    vertical_kernel,
-)
-from lfdepth.engines.cpu.workers import Workers
+from lfdepth.engines import engine, single
 from lfdepth.engines.layout import ENERGY_SCALE as SCALE
 from lfdepth.estimation import estimate
 from lfdepth.lightfield import LightField
@@ -33,7 +27,7 @@ from lfdepth.trace import Trace
 Array = fields.Array
 
 CUT = 2 * SCALE
-SHAPES = [(6, 9, 3), (5, 33, 4), (8, 7, 12), (1, 10, 5), (10, 1, 5)]
+PART = SCALE // 16  # sixteenths are exact as energies in either form
 
 
 def level_guide(rng: np.random.Generator, size: tuple[int, int], channels: int) -> Array:
@@ -44,9 +38,9 @@ def level_guide(rng: np.random.Generator, size: tuple[int, int], channels: int) 
 
 def random_energy(rng: np.random.Generator, shape: tuple[int, int, int]) -> Array:
     """Whole energies with a zero at every pixel; some flat, some cut."""
-    energy = rng.integers(0, CUT, shape) * rng.choice([0, 1], (*shape[:2], 1), p=[0.2, 0.8])
+    energy = PART * rng.integers(0, 33, shape) * rng.choice([0, 1], (*shape[:2], 1), p=[0.2, 0.8])
     energy = np.where(rng.random(shape) < 0.2, CUT, energy)
-    return np.asarray(energy - energy.min(axis=-1, keepdims=True), np.int16)
+    return np.asarray(energy - energy.min(axis=-1, keepdims=True))
 
 
 def path_total(
@@ -58,14 +52,12 @@ def path_total(
     threads: int = 1,
     noise: float = 0.0,
 ) -> Array:
-    """Costs over paths from four sides."""
-    total = np.zeros_like(energy)
-    penalties = (np.float32(slope), np.float32(jump), np.float32(sharpness), np.float32(noise))
-    workers = Workers(threads)
-    workers.rows(energy.shape[0], horizontal_kernel, energy, total, guide, *penalties)
-    workers.rows(energy.shape[1], vertical_kernel, energy, total, guide, *penalties)
-    workers.close()
-    return total
+    """Costs (H, W, K) over paths from four sides; energies and penalties are whole."""
+    signs = np.ascontiguousarray(np.moveaxis(energy / SCALE, 2, 0), np.float32)
+    none, silent = np.zeros(signs.shape, np.uint8), np.zeros(signs.shape[1:], np.float32)
+    costs = {"slope": slope / SCALE, "jump": jump / SCALE, "sharpness": sharpness, "noise": noise}
+    with engine(threads=threads) as used:
+        return used.download(used.paths(signs, none, silent, guide, **costs))
 
 
 def positions(total: Array, threads: int = 1) -> Array:
@@ -73,87 +65,13 @@ def positions(total: Array, threads: int = 1) -> Array:
         return np.asarray(used.least(total))
 
 
-# Blocks against the oracle
-
-
-@pytest.mark.parametrize("planes", [3, 4, 17])
-def test_sign_energies_agree_with_the_oracle(planes: int) -> None:
-    rng = np.random.default_rng(planes)
-    volume = rng.uniform(-1, 1, (planes, 5, 33)).astype(np.float32)
-    running, lowest = np.zeros((5, 33), np.float32), np.zeros((5, 33), np.float32)
-    signs = np.empty_like(volume)
-    for k in range(planes):
-        store_signs_kernel(0, 5, np.float32(0.06), volume[k], running, lowest, signs[k])
-    np.testing.assert_allclose(signs, naive_vis.sign_energy(volume, 0.06), atol=1e-6)
-    sums = np.cumsum(volume.astype(np.float64), axis=0)
-    np.testing.assert_allclose(running, 0.06 * sums[-1], atol=1e-6)
-    np.testing.assert_allclose(lowest, 0.06 * np.minimum(sums.min(axis=0), 0), atol=1e-6)
-
-
-def test_shares_are_kept_in_255ths() -> None:
-    share = np.array([[-0.2, 0.0, 0.49 / 255, 0.51 / 255, 0.5, 254.6 / 255, 1.0, 1.3]], np.float32)
-    levels = np.empty(share.shape, np.uint8)
-    store_photo_kernel(0, 1, share, levels)
-    np.testing.assert_array_equal(levels, [[0, 0, 0, 1, 128, 255, 255, 255]])
-
-
-@pytest.mark.parametrize("stride", [1, 2])
-@pytest.mark.parametrize("weight", [0.0, 0.7, 3.0])
-def test_joint_energies_agree_with_the_oracle(weight: float, stride: int) -> None:
-    """Rounding may fall to either side, by one of the energy's parts."""
-    rng = np.random.default_rng(3)
-    signs = np.cumsum(rng.uniform(-0.4, 0.4, (13, 6, 35)), axis=0).astype(np.float32)[::stride]
-    shares = rng.integers(0, 256, (13, 6, 35)).astype(np.uint8)[::stride]
-    weights = (weight * rng.random((6, 35))).astype(np.float32)
-    found = np.empty((6, 35, len(signs)), np.int16)
-    energy_kernel(0, 6, signs, shares, weights, found)
-    expected = naive_vis.joint_energy(signs.astype(np.float64), shares / 255, weights)
-    assert np.abs(found - naive_vis.whole(expected)).max() <= 1
-    assert found.min(axis=-1).max() == 0
-
-
-@pytest.mark.parametrize("channels", [1, 3])
-@pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize(
-    ("slope", "jump"), [(0.0, 0.0), (251.0, 1301.0), (483.0, float(CUT)), (901.0, 300.0)]
-)
-def test_paths_agree_with_the_oracle(
-    shape: tuple[int, int, int], slope: float, jump: float, channels: int
-) -> None:
-    """Whole numbers: no cost may differ."""
-    rng = np.random.default_rng([*shape, int(slope), channels])
-    energy, guide = random_energy(rng, shape), level_guide(rng, shape[:2], channels)
-    for sharpness, noise in ((0.0, 0.0), (2.1, 0.0), (40.0, 0.0), (2.1, 1 / 64), (7.3, 5 / 128)):
-        expected = naive_vis.four_paths(energy, guide, slope, jump, sharpness, noise)
-        found = path_total(energy, guide, slope, jump, sharpness, noise=noise)
-        np.testing.assert_array_equal(found, expected)
-
-
-def test_four_paths_of_the_dearest_energies_fit_16_bits() -> None:
-    """Every path pays the largest jump, and then the dearest energy; all others are free elsewhere."""
-    energy = np.zeros((9, 9, 5), np.int16)
-    energy[..., 1:] = CUT
-    energy[4, 4] = [CUT, CUT, CUT, CUT, 0]
-    guide = np.zeros((9, 9, 1), np.float32)
-    total = path_total(energy, guide, CUT, CUT, 0.0)
-    np.testing.assert_array_equal(total, naive_vis.four_paths(energy, guide, CUT, CUT, 0.0))
-    assert total[4, 3, 2] > CUT
-    assert total.max() == 4 * 2 * CUT
-
-
-@pytest.mark.parametrize("planes", [3, 4, 30])
-def test_minima_agree_with_the_oracle(planes: int) -> None:
-    rng = np.random.default_rng(planes)
-    total = rng.integers(0, 32000, (6, 35, planes)).astype(np.int16)
-    total[0] = rng.integers(0, 3, (35, planes))  # ties: the first minimum counts
-    total[1] = 7
-    np.testing.assert_allclose(positions(total), naive_vis.parabola(total), atol=1e-5)
+# Paths and minima
 
 
 def test_a_parabola_is_found_where_it_is() -> None:
     """Truth: energies that are a parabola of the plane."""
     k, place = np.arange(9.0), np.linspace(0.6, 7.4, 40)
-    total = np.rint(400 * (k - place[:, None]) ** 2).astype(np.int16)[None]
+    total = path_total(400 * (k - place[:, None])[None] ** 2, np.zeros((1, 40, 1), np.float32), 0, 0, 0)
     np.testing.assert_allclose(positions(total)[0], place, atol=2e-3)
 
 
@@ -175,7 +93,7 @@ def test_without_penalties_every_pixel_is_on_its_own() -> None:
 
 
 def test_a_pixel_without_evidence_takes_its_neighbours_plane() -> None:
-    energy = np.full((5, 7, 6), 900, np.int16)
+    energy = np.full((5, 7, 6), 1000)
     energy[..., 4] = 0
     energy[2, 3] = 0
     total = path_total(energy, np.zeros((5, 7, 1), np.float32), 200.0, 1500.0, 20.0)
@@ -184,8 +102,8 @@ def test_a_pixel_without_evidence_takes_its_neighbours_plane() -> None:
 
 def test_paths_do_not_cross_an_edge_of_the_reference_view() -> None:
     """Half of it without evidence: filled where the guide is even, left alone behind an edge."""
-    energy = np.zeros((4, 12, 6), np.int16)
-    energy[:, :6] = 900
+    energy = np.zeros((4, 12, 6))
+    energy[:, :6] = 1000
     energy[:, :6, 2] = 0
     guide = np.zeros((4, 12, 1), np.float32)
     even = path_total(energy, guide, 200.0, 1500.0, 20.0)
@@ -224,21 +142,8 @@ PLANES = 12
 
 def filled(position: Array, largest: int = 2) -> Array:
     out = np.array(position, np.float32, order="C")
-    fill_islands_kernel(out, PLANES, largest)
+    single().fill_islands(out, PLANES, largest)
     return out
-
-
-@pytest.mark.parametrize("largest", [1, 2, 5])
-@pytest.mark.parametrize("size", [(9, 11), (1, 14), (13, 1), (1, 1), (20, 33)])
-def test_islands_agree_with_the_oracle(size: tuple[int, int], largest: int) -> None:
-    """Ends of the range in single pixels, lines and patches, and slopes that lead up to them."""
-    rng = np.random.default_rng([*size, largest])
-    for ends in (0.1, 0.3, 0.7):
-        position = rng.uniform(0, PLANES - 1, size)
-        position = np.where(rng.random(size) < ends, rng.choice([0, PLANES - 1], size), position)
-        position = position.astype(np.float32)
-        expected = naive_vis.fill_islands(position, PLANES, largest)
-        np.testing.assert_allclose(filled(position, largest), expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize("end", [0, PLANES - 1])

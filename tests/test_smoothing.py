@@ -50,11 +50,14 @@ def test_box_means_agree_with_the_oracle(size: tuple[int, int], radius: int) -> 
 
 @pytest.mark.parametrize(("size", "radius"), CASES)
 @pytest.mark.parametrize("channels", [1, 3])
-@pytest.mark.parametrize(("epsilon", "tolerance"), [(1e-2, 1e-5), (1e-4, 1e-4), (1e-6, 2e-3)])
+@pytest.mark.parametrize(("epsilon", "tolerance"), [(1e-2, 4e-7), (1e-4, 4e-6), (2e-6, 1.25e-4)])
 def test_the_filter_agrees_with_the_oracle(
     size: tuple[int, int], radius: int, channels: int, epsilon: float, tolerance: float
 ) -> None:
-    """Single against double precision; the smaller ε, the closer to singular the windows' systems."""
+    """Single against double precision; the smaller ε, the closer to singular the windows' systems.
+
+    The last is fbs-vis's own: shares of views are kept in 1/255, thirty times as coarse as that.
+    """
     rng = np.random.default_rng([2, *size, channels])
     guide, votes = guide_of(rng, size, channels), votes_of(rng, size)
     found = GuidedFilter(guide, radius, epsilon)(votes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,6 +30,19 @@ OPTIONS: dict[str, Any] = {"step": 0.13, "radius": 2, "epsilon": 1e-3, "fit_radi
 # Against the oracle
 
 
+def agree(lf: LightField, chosen: FbsVis) -> naive_vis.Decoded:
+    """Check an estimate against the oracle's, which is returned.
+
+    No pixel differs where this was written. Conventions (rounding of levels, shifts, shares and energies) are
+    the oracle's own; what may differ is what single precision leaves open: an exponential's last digit that
+    makes a whole penalty one smaller, or two colours as near to a pixel's own. Two pixels in a thousand may.
+    """
+    found, expected = estimate(lf, chosen), naive_vis.estimate(lf.views, RANGE, chosen, lf.present)
+    assert np.mean(np.abs(found.disparity - expected.disparity) > 1e-3) <= 0.002
+    assert np.mean(np.abs(found.confidence - expected.confidence) > 1e-3) <= 0.002
+    return expected
+
+
 @pytest.mark.parametrize(
     ("lf", "options"),
     [
@@ -43,13 +57,20 @@ OPTIONS: dict[str, Any] = {"step": 0.13, "radius": 2, "epsilon": 1e-3, "fit_radi
     ids=["colour", "grey-uint16", "float-absent", "row-of-views", "few-planes", "thinned", "unfitted"],
 )
 def test_the_method_agrees_with_the_oracle(lf: LightField, options: dict[str, Any]) -> None:
-    """A pixel decided otherwise at an edge, or a view seen otherwise, reaches as far as the windows do."""
-    chosen = FbsVis(**{**OPTIONS, "gloss": False, "refine": False, **options})
-    found = estimate(lf, chosen)
-    expected = naive_vis.estimate(lf.views, RANGE, chosen, lf.present)
-    assert chosen.step is not None
-    assert np.mean(np.abs(found.disparity - expected.disparity) > 0.02 * chosen.step) < 0.03
-    assert np.mean(np.abs(found.confidence - expected.confidence) > 0.01) < 0.03
+    agree(lf, FbsVis(**{**OPTIONS, "refine": False, **options}))
+
+
+@pytest.mark.parametrize(("grid", "dtype"), [((5, 5), "uint8"), ((3, 5), "float32")])
+def test_gloss_agrees_with_the_oracle(grid: tuple[int, int], dtype: str) -> None:
+    """Where it decides much of the picture."""
+    views = fields.quantise(fields.glossy_plane(np.random.default_rng(3), grid, (18, 36)), dtype)
+    lf, chosen = (
+        LightField(views, disparity_range=RANGE),
+        FbsVis(**{**OPTIONS, "refine": False, "step": 0.25}),
+    )
+    with_it = agree(lf, chosen)
+    without = estimate(lf, replace(chosen, gloss=False))
+    assert np.mean(np.abs(with_it.disparity - without.disparity) > 0.05) > 0.1
 
 
 # Laws

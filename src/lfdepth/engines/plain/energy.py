@@ -140,8 +140,8 @@ def own_minima(
 
 def fit(
     position: Float,
-    target: NDArray[np.float64],
-    strength: NDArray[np.float64],
+    target: NDArray[np.floating],
+    strength: NDArray[np.floating],
     guide: Float,
     radius: int,
     spacing: int,
