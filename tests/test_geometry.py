@@ -13,7 +13,7 @@ from fields import quantise, texture
 from lfdepth import scenes
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField, grid_offsets
-from lfdepth.probe.geometry import measure_aspect, measure_positions
+from lfdepth.probe.geometry import measure_aspect, measure_off_grid, measure_positions
 
 GRID = (7, 7)
 RANGE = (-1.2, 1.2)
@@ -89,7 +89,7 @@ def test_views_off_the_grid_are_found_and_used() -> None:
 def test_positions_are_those_of_the_cameras() -> None:
     steps = jittered(0.05)
     lf = field(steps)
-    found, off = measure_positions(lf, np.asarray(lf.truth))
+    found, off = measure_positions(lf, np.asarray(lf.truth)), measure_off_grid(lf, np.asarray(lf.truth))
     assert found is not None
     assert np.abs(found - (steps - grid_offsets(GRID))).mean() < 0.018
     assert 0.03 < off < 0.08

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lfdepth.probe.agreement import disagreement
 from lfdepth.probe.brightness import measure_brightness
-from lfdepth.probe.geometry import NOTABLE_ASPECT, NOTABLE_POSITIONS, measure_aspect, measure_positions
+from lfdepth.probe.geometry import NOTABLE_ASPECT, NOTABLE_POSITIONS, measure_aspect, measure_off_grid
 
 if TYPE_CHECKING:
     from lfdepth.engines.base import Engine
@@ -91,14 +91,13 @@ def check_map(
         left = measure_brightness(lf, range=range, engine=engine)
         uneven = float(left.effect.max()) if left.needed else 0.0
     sure = np.where(confidence > _SURE, disparity, np.nan)
-    _, off_grid = measure_positions(lf, sure, engine=engine)
     found = Checks(
         disagreeing=float((apart > _DISAGREEING).mean()) if apart.size else 0.0,
         at_ends=_at_ends(disparity, range),
         without_evidence=float((confidence < _NO_EVIDENCE).mean()),
         uneven=uneven,
         aspect=measure_aspect(lf, range, engine=engine),
-        off_grid=off_grid,
+        off_grid=measure_off_grid(lf, sure, engine=engine),
     )
     two_axes = min(lf.shape[:2]) > 1
     warnings = tuple(_warnings(found, range, prepared.range_found, two_axes=two_axes))

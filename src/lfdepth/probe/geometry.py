@@ -27,9 +27,11 @@ Array = NDArray[np.float64]
 NOTABLE_ASPECT, NOTABLE_POSITIONS = 0.05, 0.03
 """From what deviation on a ratio of steps, and positions (root mean square, in steps), are worth a word."""
 
-_SIDE = 512
+_SIDE = 256
 _POINTS, _FEWEST = 3000, 200
 _ROUNDS, _TURNS = 3, 4
+# A check after every estimate has to be quick, and tells one thing, not two for each view.
+_CHECKED_POINTS, _CHECKED_TURNS = 1200, 2
 # Median of the squares of normally distributed numbers.
 _MEDIAN_OF_SQUARES = 0.455
 # Radius of the windows, px; least gradient of a point, of full scale per px; least |D| that can tell.
@@ -114,7 +116,7 @@ def measure_positions(
     *,
     threads: int | None = None,
     engine: Engine | None = None,
-) -> tuple[Array | None, float]:
+) -> Array | None:
     """How far views lie off where `lf` says that they stand.
 
     Parameters
@@ -130,26 +132,45 @@ def measure_positions(
 
     Returns
     -------
-    positions : ndarray, shape (V, U, 2), or None
+    ndarray, shape (V, U, 2), or None
         Down and right, in steps; a scale of all steps apart, which disparity takes up. None where the views
         do not tell.
-    off_grid : float
-        How far the typical view lies off, robust standard deviation in steps; a ratio of vertical to
-        horizontal steps and the reference view's own place apart.
     """
-    points, d, gradient = textured_points(lf, disparity)
+    points, d, gradient = textured_points(lf, disparity, _POINTS)
     if len(d) < _FEWEST:
-        return None, 0.0
+        return None
+    with using(engine, threads=threads) as used:
+        return _moved(lf, points, d, gradient, _TURNS, used)
+
+
+def measure_off_grid(
+    lf: LightField,
+    disparity: NDArray[Any],
+    *,
+    threads: int | None = None,
+    engine: Engine | None = None,
+) -> float:
+    """How far the typical view lies off where `lf` says that it stands; parameters as `measure_positions`.
+
+    Returns
+    -------
+    float
+        Robust standard deviation in steps; a ratio of vertical to horizontal steps and the reference view's
+        own place apart. 0 where the views do not tell.
+    """
+    points, d, gradient = textured_points(lf, disparity, _CHECKED_POINTS)
+    if len(d) < _FEWEST:
+        return 0.0
     left = points[:, 1] < np.median(points[:, 1])
     with using(engine, threads=threads) as used:
-        moved = _moved(lf, points, d, gradient, used)
-        halves = [_moved(lf, points[half], d[half], gradient[half], used) for half in (left, ~left)]
+        halves = [
+            _moved(lf, points[half], d[half], gradient[half], _CHECKED_TURNS, used) for half in (left, ~left)
+        ]
     # what is true of the cameras, both halves of the picture say; errors, each its own
     there = lf.available.copy()
     there[lf.centre] = False
     one, other = (_irregular(half, lf.offsets)[there] for half in halves)
-    together = float(np.median(one * other)) / _MEDIAN_OF_SQUARES
-    return moved, float(np.sqrt(max(together, 0.0)))
+    return float(np.sqrt(max(float(np.median(one * other)) / _MEDIAN_OF_SQUARES, 0.0)))
 
 
 def refine_positions(
@@ -177,7 +198,7 @@ def refine_positions(
     LightFieldError
         If the views do not tell where they stand.
     """
-    moved, _ = measure_positions(lf, disparity, threads=threads, engine=engine)
+    moved = measure_positions(lf, disparity, threads=threads, engine=engine)
     if moved is None:
         raise LightFieldError(
             f"{lf.name}: too little texture that moves; expected some to tell where views stand; leave out "
@@ -188,10 +209,12 @@ def refine_positions(
     return replace(lf, positions=known + moved)
 
 
-def _moved(lf: LightField, points: NDArray[np.int64], d: Array, gradient: Array, engine: Engine) -> Array:
+def _moved(
+    lf: LightField, points: NDArray[np.int64], d: Array, gradient: Array, turns: int, engine: Engine
+) -> Array:
     """How far views lie off their places (V, U, 2), a common scale of all steps apart."""
     moved = np.zeros((*lf.shape[:2], 2))
-    for _ in range(_TURNS):
+    for _ in range(turns):
         there = replace(lf, positions=lf.offsets + moved - grid_offsets((lf.shape[0], lf.shape[1])))
         levels, valid = engine.window_means(engine.views(there), points, d, _REACH)
         grey, seen = luma(levels) / np.float32(lf.full_scale), np.asarray(valid.all(axis=-1))
@@ -201,7 +224,7 @@ def _moved(lf: LightField, points: NDArray[np.int64], d: Array, gradient: Array,
 
 
 def textured_points(
-    lf: LightField, disparity: NDArray[Any], moving: float = _MOVING
+    lf: LightField, disparity: NDArray[Any], most: int
 ) -> tuple[NDArray[np.int64], Array, Array]:
     """Pixels (N, 2) with texture that moves, their disparity, and gradient (N, 2) of full scale per px."""
     from lfdepth.engines.boxes import box_mean
@@ -214,7 +237,7 @@ def textured_points(
     inner = np.zeros_like(known)
     inner[edge:-edge, edge:-edge] = True
     chosen = np.argwhere(known & inner)
-    chosen = chosen[:: max(1, -(-len(chosen) // _POINTS))]
+    chosen = chosen[:: max(1, -(-len(chosen) // most))]
     at = chosen[:, 0], chosen[:, 1]
     return chosen.astype(np.int64), disparity[at].astype(np.float64), slope[at]
 
