@@ -15,6 +15,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from lfdepth.version import __version__ as __version__
+
 if TYPE_CHECKING:
     from lfdepth.camera import Camera
     from lfdepth.errors import LightFieldError
@@ -32,7 +34,6 @@ if TYPE_CHECKING:
     from lfdepth.scoring import evaluate
     from lfdepth.trace import Trace
 
-__version__ = "0.1.0"
 
 # Where each public name lives; resolved on first use so that `import lfdepth` costs next to nothing.
 _HOMES = {

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from lfdepth import __version__
 from lfdepth.engines import engine as start_engine
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField, check_range
@@ -18,6 +17,7 @@ from lfdepth.probe.checks import check_map
 from lfdepth.probe.preparation import prepare
 from lfdepth.result import Result
 from lfdepth.trace import Progress, Trace
+from lfdepth.version import __version__
 
 __all__ = ["Result", "estimate"]
 

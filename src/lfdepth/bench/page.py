@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lfdepth import __version__
 from lfdepth.bench.charts import COLOURS, Axis, Curve, Point, line_chart, point_chart
 from lfdepth.bench.results import Bench, SceneResult
 from lfdepth.bench.tables import LEGEND, MethodRow, MetricTable, means, sources
@@ -29,6 +28,7 @@ from lfdepth.scoring.captions import score_line
 from lfdepth.scoring.metrics import Array
 from lfdepth.table import Column, Row, Table
 from lfdepth.templating import render
+from lfdepth.version import __version__
 
 if TYPE_CHECKING:
     from markupsafe import Markup

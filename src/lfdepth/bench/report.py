@@ -10,12 +10,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from lfdepth import __version__
 from lfdepth.bench.page import html_text
 from lfdepth.bench.published import PublishedRow, published_rows
 from lfdepth.bench.results import Bench, SceneResult
 from lfdepth.bench.tables import LEGEND, MetricTable, long_table, sources, tables
 from lfdepth.io.atomic import atomic
+from lfdepth.version import __version__
 
 
 def write_reports(

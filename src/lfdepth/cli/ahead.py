@@ -8,9 +8,12 @@ from collections.abc import Callable
 from contextlib import suppress
 from threading import Event, Thread
 from types import TracebackType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from lfdepth import methods
+
+if TYPE_CHECKING:
+    from lfdepth.lightfield import LightField
 
 _GRID, _PLANES, _LARGEST = 9, 8, 96
 _EXPECTED = "uint8"
@@ -107,3 +110,14 @@ def rehearse(method: methods.Method, engine: Any, samples: str) -> None:
     with suppress(LightFieldError), np.errstate(all="ignore"):
         method.check(lf.shape)
         method.run(methods.Problem(lf, (-1.0, 1.0), planes), methods.Work(engine, Trace()))
+        _look(lf, engine)
+
+
+def _look(lf: LightField, engine: Any) -> None:
+    """What is asked of an engine before and after a method: a first map, and windows of the views."""
+    import numpy as np
+
+    from lfdepth.probe.matching import make_probe, match, plane_range
+
+    match(make_probe(lf, 1.0, 1, (1.0,), contrast=True), plane_range(-1.0, 1.0, 0.5), engine)
+    engine.window_means(engine.views(lf), np.zeros((1, 2), np.int64), np.zeros(1), 1)

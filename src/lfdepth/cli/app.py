@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cyclopts import App, Parameter
 
-from lfdepth import __version__
+from lfdepth.version import __version__
 
 PARTLY_FAILED = 1
 """Exit status where some of the work failed, was named, and the rest was done."""

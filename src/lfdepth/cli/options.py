@@ -126,7 +126,7 @@ class Reading:
     partial
         Some views are absent on purpose.
     pattern
-        Which pictures of a folder are views, such as 'shot_*.png' or '*/000.png'.
+        Which pictures of a folder are views, such as `shot*.png` or `*/000.png`.
     axes
         Order of the axes of an array, such as VUHWC or WHUV, where its lengths do not tell.
     views

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import sys
 from contextlib import ExitStack
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from lfdepth.engines.cpu.compilation import on_compilation
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
 
 
 class Progress:
@@ -20,7 +23,8 @@ class Progress:
 
     def __init__(self) -> None:
         self.compiled = False
-        self._bar: Any = None
+        self._bar: Bar | None = None
+        self._task: Any = None
         self._listening = ExitStack()
 
     def __enter__(self) -> Progress:
@@ -33,13 +37,13 @@ class Progress:
 
     def step(self, done: int, total: int, what: str) -> None:
         """Show the steps that are done, of those in all, and what is being done."""
-        from tqdm import tqdm
-
+        if not sys.stderr.isatty():
+            return
         if self._bar is None:
-            self._bar = tqdm(total=total, unit="step", leave=False, disable=None)
-        self._bar.set_description_str(what, refresh=False)
-        self._bar.update(done - self._bar.n)
-        self._bar.refresh()
+            self._bar = _bar()
+            self._bar.start()
+            self._task = self._bar.add_task(what, total=total)
+        self._bar.update(self._task, completed=done, total=total, description=what)
         if done == total:
             self._close_bar()
 
@@ -56,5 +60,15 @@ class Progress:
 
     def _close_bar(self) -> None:
         if self._bar is not None:
-            self._bar.close()
+            self._bar.stop()
         self._bar = None
+
+
+def _bar() -> Bar:
+    """A bar that leaves nothing behind when it ends."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    return Bar(*columns, console=Console(stderr=True), transient=True)

@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 
 # Shorter side, px, of the views for the first map; windows that fit into the shorter side of the views.
 _SIDE, _WINDOWS = 256, 64
+# Shorter side, px, of the smallest views that tell gains from what differs at their borders.
+_SMALLEST = 64
 _RINGS = 1.0, 1 / 3
 # Samples at most, and at least.
 _SAMPLES, _FEWEST = 2000, 100
@@ -161,6 +163,8 @@ def measure_brightness(
 ) -> Equalisation:
     """Measure how the brightness of the views differs from the reference view's.
 
+    Views whose shorter side is below 64 px do not tell.
+
     Parameters
     ----------
     lf
@@ -179,6 +183,8 @@ def measure_brightness(
     -------
     Equalisation
     """
+    if min(lf.height, lf.width) < _SMALLEST:
+        return _unknown(lf)
     with using(engine, threads=threads) as used:
         if disparity is None:
             disparity = _first_map(lf, range, used)

@@ -11,18 +11,28 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import cos, inf, sin
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-Float = npt.NDArray[np.float64]
+from lfdepth.engines.scene_layout import (
+    CONVEX,
+    ELLIPSE,
+    ELLIPSOID,
+    EVERYWHERE,
+    GRID,
+    HOLLOW,
+    LEAF,
+    MAX_FACETS,
+    PLANE,
+    RIDGE,
+    Float,
+    Packed,
+)
+
 Box = tuple[float, float, float, float]
 """(left, top, right, bottom) in reference pixels."""
 
-PLANE, ELLIPSOID, RIDGE, HOLLOW = range(4)
-EVERYWHERE, CONVEX, ELLIPSE, LEAF, GRID = range(5)
-MAX_FACETS = 6
 _UNBOUNDED: Box = (-inf, -inf, inf, inf)
 
 
@@ -318,27 +328,6 @@ class Scene:
     highlights: Sequence[Highlight] = ()
     noise: float = 0.0
     noise_share: npt.NDArray[np.float32] | None = None
-
-
-class Packed(NamedTuple):
-    """A scene as arrays, for the kernels; one row per layer unless said."""
-
-    surface_kind: npt.NDArray[np.int64]
-    surface: Float
-    shape_kind: npt.NDArray[np.int64]
-    shape: Float
-    hole_start: npt.NDArray[np.int64]  # layer i has holes hole_start[i] to hole_start[i + 1] - 1
-    hole_kind: npt.NDArray[np.int64]
-    hole: Float
-    hole_box: Float  # as box, one row per hole
-    box: Float  # left, top, right, bottom, smallest D, largest D
-    texture: npt.NDArray[np.int64]  # index into textures
-    affine: Float
-    gain: npt.NDArray[np.float32]
-    offset: npt.NDArray[np.float32]
-    ambient: Float
-    highlight: Float  # one row per highlight
-    textures: npt.NDArray[np.float32]  # (count, n, n, 3)
 
 
 def pack(scene: Scene) -> Packed:

@@ -13,9 +13,10 @@ import numpy.typing as npt
 
 from lfdepth.camera import Camera
 from lfdepth.engines.cpu.kernels import scenes as kernels
+from lfdepth.engines.scene_layout import Packed
 from lfdepth.lightfield import LightField
 from lfdepth.scenes.masks import Labels, Map, geometric, kinds_of, textureless
-from lfdepth.scenes.model import Packed, Scene, pack
+from lfdepth.scenes.model import Scene, pack
 
 MARGIN = 0.1
 """By how much the disparity range is wider than the truth's, px per view step, at either end."""

@@ -19,7 +19,7 @@ INNER: dict[str, Any] = {**KERNEL, "no_cpython_wrapper": True}
 """Of functions that only kernels call: without a wrapper for Python they compile faster."""
 
 _ENGINE = Path(__file__).parent
-_SHARED = _ENGINE.parent / "layout.py", _ENGINE.parents[1] / "scenes" / "model.py"
+_SHARED = _ENGINE.parent / "layout.py", _ENGINE.parent / "scene_layout.py"
 """Files elsewhere that kernels take constants from."""
 
 _NAME = "lfdepth"

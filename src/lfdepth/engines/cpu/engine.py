@@ -584,7 +584,8 @@ class CpuEngine:
         means = np.empty((count, len(points), views.views.shape[4]), np.float32)
         usable = np.empty(means.shape, np.bool_)
         white = np.float32(255 / views.to_bytes)
-        source = (views.views, views.present, views.offsets, points, disparity, reach, white)
+        places = np.ascontiguousarray(points)  # in one order, or the kernel is compiled for two
+        source = (views.views, views.present, views.offsets, places, disparity, reach, white)
         self.workers.rows(count, windows_kernels.window_kernel, *source, means, usable)
         return means, usable
 

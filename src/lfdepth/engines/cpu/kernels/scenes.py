@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 from numba import njit
 
-from lfdepth.scenes.model import (
+from lfdepth.engines.scene_layout import (
     CONVEX,
     ELLIPSE,
     ELLIPSOID,
