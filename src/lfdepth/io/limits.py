@@ -81,11 +81,9 @@ def read_text(path: Path, most: int = _MOST_TEXT) -> str:
     """
     if path.exists() and not path.is_file():
         raise OSError(f"no regular file: {path.name}")
-    with path.open("rb") as file:
-        data = file.read(most + 1)
-    if len(data) > most:
+    if path.stat().st_size > most:
         raise OSError(f"more than {_amount(most)} of text")
-    return data.decode("utf-8")
+    return path.read_bytes().decode("utf-8")
 
 
 @contextmanager
