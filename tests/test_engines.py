@@ -704,8 +704,8 @@ def test_methods_give_one_map_on_all_engines(engine: str, name: str, of: str) ->
 def test_the_default_method_gives_about_one_map(engine: str, of: str) -> None:
     """At its own ε of 2e-6 the cpu engine's filter, in single precision, is off by up to 1e-4.
 
-    A share near the middle between two 255ths is then kept as the other one, which moves a few pixels by
-    0.005 px: with the filter in double precision on both, none differs by more than 1e-6 px.
+    A share near the middle between two 255ths is then kept as the other one, which moves a few pixels in a
+    thousand by some thousandths of a px; at ε = 1e-4 (above) hardly any.
     """
     assert max(shares_apart(engine, "fbs-vis", of)) <= 0.0025
     own, expected = (found("fbs-vis", each, of).disparity for each in (engine, "cpu"))
