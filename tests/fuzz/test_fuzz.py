@@ -11,6 +11,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
+import psutil
 import pytest
 
 import fuzz_run
@@ -107,7 +108,8 @@ def change_input(words: list[str]) -> int:
 def test_what_is_bad_is_seen(monkeypatch: pytest.MonkeyPatch, act: Any, what: str) -> None:
     monkeypatch.setattr(fuzz_run, "_warm_up", lambda scratch: None)
     monkeypatch.setattr(fuzz_run, "SECONDS", 0.3 if what == "slow" else fuzz_run.SECONDS)
-    monkeypatch.setattr(fuzz_run, "MEMORY", 4e8)
+    here = psutil.Process().memory_info().rss  # which a fork begins with
+    monkeypatch.setattr(fuzz_run, "MEMORY", here + 3e8)
     monkeypatch.setattr("lfdepth.cli.main", act)
     (found,) = run([0], only="npy")
     assert (found.bad, found.what) == (True, what), found
