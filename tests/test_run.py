@@ -10,6 +10,7 @@ import pytest
 import lfdepth
 import naive
 from fields import RANGE, scene
+from lfdepth import estimation
 from lfdepth.blocks.smoothing import GuidedFilter
 from lfdepth.errors import LightFieldError
 from lfdepth.estimation import estimate
@@ -279,3 +280,27 @@ def test_a_light_field_without_range_gets_one_found() -> None:
     assert not estimate(lf, "fbs", **OPTIONS).range_found
     with pytest.raises(LightFieldError, match=r"range"):
         estimate(replace(lf, disparity_range=None, views=np.full_like(lf.views, 99)), "fbs", **OPTIONS)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_does_not_fit_in_memory_is_refused_in_one_line(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    lf = scene(19)
+    chosen = method(name, **OPTIONS)
+    needed = chosen.memory(lf.shape, chosen.planes_for(RANGE), 1)
+    monkeypatch.setattr(estimation, "available_memory", lambda: needed - 1)
+    with pytest.raises(LightFieldError, match=rf"{name} with 23 planes needs .* --crop, --scale") as error:
+        estimate(lf, chosen)
+    assert "\n" not in str(error.value)
+    assert estimate(lf, chosen, force=True).planes == 23
+    monkeypatch.setattr(estimation, "available_memory", lambda: needed)
+    assert estimate(lf, chosen).planes == 23
+
+
+def test_the_default_methods_memory_is_that_measured() -> None:
+    """17×17 views of 1024×1024 px, 16 bits, 47 planes: peaks of 4.0 and 3.2 GB beside the views."""
+    shape, ends = (17, 17, 1024, 1024, 3), (-1.6, 1.6)
+    for options, measured in (({}, 4.03e9), ({"refine": False}, 3.21e9)):
+        chosen = method("fbs-vis", **options)
+        assert chosen.memory(shape, chosen.planes_for(ends), 2) == pytest.approx(measured, rel=0.1)

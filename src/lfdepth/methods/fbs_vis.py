@@ -87,12 +87,15 @@ class FbsVis(Method):
         common.check_windows(shape, self.radius, self.photo_radius)
 
     def memory(self, shape: Shape, planes: NDArray[np.float64], sample_bytes: int) -> int:
-        """Half of the views in colour, grey views or nearest surfaces, and 9 bytes per plane and pixel."""
+        """Half of the views in colour, grey views, surfaces, splines, and 9 bytes per plane and pixel."""
         v, u, height, width, channels = shape
         padded = width + 31 + 2 * (min(float(np.abs(planes).max()) * (u // 2), width) + 3)
         held = min(v * u, max(v * u // 2 + 9, 25))
         colours = held * height * padded * channels * min(sample_bytes, 2)
-        return int(colours + common.sweep_bytes(shape, planes) + 9 * len(planes) * height * width)
+        surfaces = 2 * v * u * height * padded
+        splines = 4 * 0.75 * v * u * height * width if self.refine else 0
+        volumes = 9 * len(planes) * height * width
+        return int(colours + surfaces + splines + volumes + common.sweep_bytes(shape, planes))
 
     def halo(self) -> int:
         """Two windows of the filters, and a fit; paths carry farther, ever more weakly."""
