@@ -17,13 +17,14 @@ FULL_SCALE: Mapping[str, float] = {"uint8": 255.0, "uint16": 65535.0, "float32":
 """The value of white for each sample type that views may have."""
 
 # Rec. 601 luma: what published methods of this family mean by "grey".
-_LUMA = np.array([0.299, 0.587, 0.114], dtype=np.float32)
+LUMA = np.array([0.299, 0.587, 0.114], dtype=np.float32)
+"""Weights of red, green and blue in luma."""
 
 
 def luma(samples: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
     """Rec. 601 luma, 0.299 R + 0.587 G + 0.114 B, of samples (..., C), C = 1 or 3, in their own unit."""
     values = samples.astype(np.float32)
-    return values[..., 0] if samples.shape[-1] == 1 else np.asarray(values @ _LUMA, np.float32)
+    return values[..., 0] if samples.shape[-1] == 1 else np.asarray(values @ LUMA, np.float32)
 
 
 def reference_index(grid: tuple[int, int]) -> tuple[int, int]:

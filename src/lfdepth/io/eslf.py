@@ -14,6 +14,7 @@ from lfdepth.io import signature
 from lfdepth.io.layout import Layout, size
 from lfdepth.io.picture import read_picture
 from lfdepth.io.source import ViewSource
+from lfdepth.lightfield import reference_index
 
 _ILLUM_GRID = (14, 14)
 # What publications on Lytro pictures use: the views that are sharp and free of vignetting.
@@ -78,5 +79,5 @@ def _bright(picture: npt.NDArray[Any], grid: tuple[int, int]) -> npt.NDArray[np.
     means = np.empty(grid)
     for index in np.ndindex(*grid):
         means[index] = _view(picture, grid, *index).mean(dtype=np.float64)
-    bright: npt.NDArray[np.bool_] = means >= _DARK * means[grid[0] // 2, grid[1] // 2]
+    bright: npt.NDArray[np.bool_] = means >= _DARK * means[reference_index(grid)]
     return bright

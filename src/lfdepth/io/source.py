@@ -16,7 +16,7 @@ from lfdepth.errors import LightFieldError
 from lfdepth.io.positions import SAME_STEPS, off_the_grid, read_positions, step_ratio
 from lfdepth.io.scaling import scale_nearest, scale_view, scaled_size
 from lfdepth.io.white import apply_white, find_white, lift_undershoot
-from lfdepth.lightfield import LightField, angular_window, check_window
+from lfdepth.lightfield import LightField, angular_window, check_window, reference_index
 
 # Decoders release the GIL, but every thread holds one decoded view.
 _THREADS = 4
@@ -171,7 +171,7 @@ def _assemble(source: ViewSource, selection: Selection) -> LightField:
         list(pool.map(load, np.ndindex(*stored.shape)))
     white, remarks = _to_full_scale(views, whole, float(peaks.max()), source, selection)
     # Reordering an even grid moves the reference view, and the truth is that of the old one.
-    same_reference = reference == (source.grid[0] // 2, source.grid[1] // 2)
+    same_reference = reference == reference_index(source.grid)
     positions, steps = _positions(source, selection, stored, present)
     truth = _checked_truth(selection.truth, whole, source.name)
     if truth is None and same_reference:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfdepth.engines import using
-from lfdepth.lightfield import FULL_SCALE, LightField
+from lfdepth.lightfield import FULL_SCALE, LUMA, LightField, reference_index
 from lfdepth.probe.matching import make_probe, match, plane_range, shrink_to, widest
 from lfdepth.probe.ranges import coarse_range
 
@@ -47,7 +47,6 @@ _AGREEING = 0.5
 _DARKEST, _DARK = 0.25, 0.01
 # Contrast (squared) below which offsets are not told from gains; least error that is one, of full scale.
 _FAINT, _FINEST = 1e-4, 0.0015
-_LUMA = np.array([0.299, 0.587, 0.114])
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +105,7 @@ class Equalisation:
         if not self.needed:
             return "; ".join(filter(None, ["the same in all views", dark]))
         kept = ~self.left_out & (self.effect > 0)
-        gain = self.gain[kept] / self.gain[self.left_out.shape[0] // 2, self.left_out.shape[1] // 2]
+        gain = self.gain[kept] / self.gain[reference_index((self.left_out.shape[0], self.left_out.shape[1]))]
         parts = [f"gains {gain.min():.2f} to {gain.max():.2f}"] if kept.any() else []
         if self.offset.any():
             parts.append(
@@ -264,7 +263,7 @@ class _Fit:
         self, levels: NDArray[np.float32], valid: NDArray[np.bool_], terms: NDArray[np.float32], centre: int
     ) -> None:
         self.levels, self.valid, self.terms, self.centre = levels, valid, terms, centre
-        self.luma = _LUMA.astype(np.float32) if levels.shape[2] == 3 else np.ones(1, np.float32)
+        self.luma = LUMA if levels.shape[2] == 3 else np.ones(1, np.float32)
         self.select()
 
     def fit(self) -> None:
