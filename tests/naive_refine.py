@@ -211,22 +211,49 @@ def fitted(
     return out
 
 
+def near_jumps(disparity: Array, jump: float) -> Array:
+    """Pixels with a jump in their 3×3: one whose 3×3 changes by the jump, and by 0.7 of what its 5×5 does."""
+
+    def change(y: int, x: int, reach: int) -> float:
+        window = disparity[max(y - reach, 0) : y + reach + 1, max(x - reach, 0) : x + reach + 1]
+        return float(window.max() - window.min())
+
+    out = np.zeros(disparity.shape, bool)
+    for y, x in np.ndindex(*disparity.shape):
+        if change(y, x, 1) >= jump and change(y, x, 1) >= 0.7 * change(y, x, 2):
+            out[max(y - 1, 0) : y + 2, max(x - 1, 0) : x + 2] = True
+    return out
+
+
 def refined(views: Array, disparity: Array, rule: RefineRule, present: Array | None = None) -> Array:
     """The whole block."""
     if min(disparity.shape) < 5:
         return disparity
-    step, weight, trusted = evidence(views, disparity, rule, present)
-    guide = naive.guide_image(views, "colour")
-    strength = trusted + rule.prior
-    target = disparity + trusted * step / strength
-    window, ridge = (rule.wide_radius, rule.wide_spacing), refine._WIDE_RIDGE * rule.wide_spacing**2
-    wide = fitted(disparity, target, strength, guide, rule.gate, window, ridge)
-    drawn = np.clip(wide - disparity, -refine._FARTHEST, refine._FARTHEST)
-    target = target + drawn * rule.prior / strength
-    window, ridge = (rule.radius, rule.spacing), rule.prior * rule.spacing**2
-    close = fitted(disparity, target, strength, guide, rule.gate, window, ridge)
-    even = naive_vis.evened_within(close, guide, rule.gate)
-    change = even - disparity
-    asked, heard = blurred(weight * step, refine._HEARING), blurred(weight, refine._HEARING)
-    gain = change * (2 * asked - heard * change) * 4 * np.pi * refine._HEARING**2
-    return np.where(gain < -rule.refusal, disparity, even)
+    guide, found = naive.guide_image(views, "colour"), disparity
+    for count in range(rule.rounds):
+        step, weight, trusted = evidence(views, found.astype(np.float32), rule, present)
+        prior = rule.prior * (2 if count else 1)
+        strength = trusted + prior
+        target = found + trusted * step / strength
+        window, ridge = (rule.wide_radius, rule.wide_spacing), refine._WIDE_RIDGE * rule.wide_spacing**2
+        wide = fitted(found, target, strength, guide, rule.gate, window, ridge)
+        drawn = np.clip(wide - found, -refine._FARTHEST, refine._FARTHEST)
+        target = target + drawn * prior / strength
+        window, ridge = (rule.radius, rule.spacing), prior * rule.spacing**2
+        close = fitted(found, target, strength, guide, rule.gate, window, ridge)
+        even = naive_vis.evened_within(close, guide, rule.gate)
+        change = even - found
+        asked, heard = blurred(weight * step, refine._HEARING), blurred(weight, refine._HEARING)
+        gain = change * (2 * asked - heard * change) * 4 * np.pi * refine._HEARING**2
+        found = rims_drawn(np.where(gain < -rule.refusal, found, even), guide, rule)
+    return found
+
+
+def rims_drawn(disparity: Array, guide: Array, rule: RefineRule) -> Array:
+    """Pixels near jumps on planes through what lies farther inside, where rims count a hundredth."""
+    rims = near_jumps(disparity, rule.rim_jump)
+    strength = np.where(rims, 0.01, 1.0)
+    window = (rule.rim_radius, 2)
+    return np.where(
+        rims, fitted(disparity, disparity, strength, guide, rule.rim_gate, window, 1e-3), disparity
+    )

@@ -301,6 +301,6 @@ def test_what_does_not_fit_in_memory_is_refused_in_one_line(
 def test_the_default_methods_memory_is_that_measured() -> None:
     """17×17 views of 1024×1024 px, 16 bits, 47 planes: peaks of 4.0 and 3.2 GB beside the views."""
     shape, ends = (17, 17, 1024, 1024, 3), (-1.6, 1.6)
-    for options, measured in (({}, 4.03e9), ({"refine": False}, 3.21e9)):
+    for options, measured in (({}, 4.03e9), ({"effort": "fast"}, 3.21e9)):
         chosen = method("fbs-vis", **options)
         assert chosen.memory(shape, chosen.planes_for(ends), 2) == pytest.approx(measured, rel=0.1)

@@ -57,7 +57,7 @@ def agree(lf: LightField, chosen: FbsVis) -> naive_vis.Decoded:
     ids=["colour", "grey-uint16", "float-absent", "row-of-views", "few-planes", "thinned", "unfitted"],
 )
 def test_the_method_agrees_with_the_oracle(lf: LightField, options: dict[str, Any]) -> None:
-    agree(lf, FbsVis(**{**OPTIONS, "refine": False, **options}))
+    agree(lf, FbsVis(**{**OPTIONS, "effort": "fast", **options}))
 
 
 @pytest.mark.parametrize(("grid", "dtype"), [((5, 5), "uint8"), ((3, 5), "float32")])
@@ -66,7 +66,7 @@ def test_gloss_agrees_with_the_oracle(grid: tuple[int, int], dtype: str) -> None
     views = fields.quantise(fields.glossy_plane(np.random.default_rng(3), grid, (18, 36)), dtype)
     lf, chosen = (
         LightField(views, disparity_range=RANGE),
-        FbsVis(**{**OPTIONS, "refine": False, "step": 0.25}),
+        FbsVis(**{**OPTIONS, "effort": "fast", "step": 0.25}),
     )
     with_it = agree(lf, chosen)
     without = estimate(lf, replace(chosen, gloss=False))

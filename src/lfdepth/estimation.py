@@ -100,6 +100,7 @@ def estimate(
         version=__version__,
         range_found=prepared.range_found,
         equalisation=prepared.equalisation,
+        sigma=maps.sigma,
         checks=checks,
     )
 

@@ -40,6 +40,9 @@ class Result:
         Whether the range was found from the views, for want of a given one.
     equalisation
         How the brightness of the views differed; None if it was not looked at.
+    sigma
+        (H, W) float32, standard error in px per view step: about 68 % of the pixels that are not outliers
+        lie within it; None from a method that does not tell, or without refinement.
     checks
         Whether the views agree with the map, and what may be wrong; None if that was not looked at.
     """
@@ -54,4 +57,5 @@ class Result:
     version: str
     range_found: bool = False
     equalisation: Equalisation | None = None
+    sigma: NDArray[np.float32] | None = None
     checks: Checks | None = None

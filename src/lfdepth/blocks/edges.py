@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfdepth.blocks.jumps import local_range
 from lfdepth.blocks.median import weighted_median
 from lfdepth.blocks.photo import local_thresholds
 from lfdepth.engines import single
@@ -128,20 +129,6 @@ class DepthEdges:
         self, confidence: NDArray[np.float32], disparity: NDArray[np.float32]
     ) -> NDArray[np.float32]:
         """Lower a map's confidence (H, W) where the map just decided has edges, or changes fast."""
-        trust = 1 / np.sqrt(1 + (_local_range(disparity, 2) / np.float32(_UNSTEADY)) ** 2)
+        trust = 1 / np.sqrt(1 + (local_range(disparity, 2) / np.float32(_UNSTEADY)) ** 2)
         trust[self._found] *= np.float32(_EDGE_TRUST)
         return np.asarray(confidence * trust, np.float32)
-
-
-def _local_range(image: NDArray[np.float32], radius: int) -> NDArray[np.float32]:
-    """Largest less smallest value within (2·radius + 1)² windows."""
-    high, low = image, image
-    for axis in (0, 1):
-        border = [(0, 0), (0, 0)]
-        border[axis] = (radius, radius)
-        length = image.shape[axis]
-        highs, lows = np.pad(high, border, "edge"), np.pad(low, border, "edge")
-        shifted = [range(start, start + length) for start in range(2 * radius + 1)]
-        high = np.maximum.reduce([highs.take(rows, axis) for rows in shifted])
-        low = np.minimum.reduce([lows.take(rows, axis) for rows in shifted])
-    return high - low

@@ -18,11 +18,12 @@ _CHANNELS = {"disparity": "Y", "depth": "Z"}
 
 
 def write_exr(path: Path, record: Record) -> None:
-    """Write the map, and the confidence as a channel of its own, losslessly compressed."""
+    """Write the map, and confidence and sigma as channels of their own, losslessly compressed."""
     openexr = need("OpenEXR", "exr", path)
     channels = {_CHANNELS[record.quantity]: np.ascontiguousarray(record.values)}
-    if record.confidence is not None:
-        channels["confidence"] = np.ascontiguousarray(record.confidence)
+    for name in ("confidence", "sigma"):
+        if (beside := getattr(record, name)) is not None:
+            channels[name] = np.ascontiguousarray(beside)
     header = {"compression": openexr.ZIP_COMPRESSION, "type": openexr.scanlineimage, "comments": record.unit}
     with atomic(path) as temporary, openexr.File(header, channels) as file:
         file.write(str(temporary))

@@ -160,11 +160,11 @@ def read_confidence(path: str | Path) -> npt.NDArray[np.float32] | None:
     """
     path = Path(path)
     with unchanged(path):
-        return _confidence(path, _read(path))
+        return _beside(path, _read(path), "confidence")
 
 
 def read_record(path: str | Path) -> Record:
-    """Read all that a file holds: the map, and as far as it has them confidence, range, runtime, parameters.
+    """Read the map, and as far as a file has them confidence, sigma, range, runtime and parameters.
 
     Raises
     ------
@@ -180,7 +180,8 @@ def _record(path: Path, found: Mapping[str, Any]) -> Record:
     ends = [float(end) for end in np.ravel(_array(path, found["range"]))] if "range" in found else None
     return Record(
         checked_map(_array(path, found["disparity"]), str(path)),
-        confidence=_confidence(path, found),
+        confidence=_beside(path, found, "confidence"),
+        sigma=_beside(path, found, "sigma"),
         range=(ends[0], ends[1]) if ends is not None and len(ends) == 2 else None,
         runtime=float(_array(path, found["runtime"])) if "runtime" in found else None,
         parameters=str(_array(path, found["parameters"])) if "parameters" in found else None,
@@ -223,10 +224,9 @@ def _read(path: Path, name: str = "disparity") -> Mapping[str, Any]:
     return found
 
 
-def _confidence(path: Path, found: Mapping[str, Any]) -> npt.NDArray[np.float32] | None:
-    if "confidence" not in found:
-        return None
-    return checked_map(_array(path, found["confidence"]), f"{path}: confidence")
+def _beside(path: Path, found: Mapping[str, Any], name: str) -> npt.NDArray[np.float32] | None:
+    """A map that is stored beside the one of disparity."""
+    return checked_map(_array(path, found[name]), f"{path}: {name}") if name in found else None
 
 
 def _array(path: Path, value: Any) -> npt.NDArray[Any]:

@@ -102,9 +102,10 @@ def write_npy(path: Path, record: Record) -> None:
 
 
 def write_npz(path: Path, record: Record) -> None:
-    """Write the map under its quantity's name, beside confidence, range, runtime and parameters if known."""
+    """Write the map under its quantity's name, beside it what else is known of it."""
     known = {
         "confidence": record.confidence,
+        "sigma": record.sigma,
         "range": record.range,
         "runtime": record.runtime,
         "parameters": record.parameters,

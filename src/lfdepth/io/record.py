@@ -28,6 +28,8 @@ class Record:
         What the values are, for formats that can say so.
     confidence : ndarray, shape (H, W), optional
         float32 in [0, 1].
+    sigma : ndarray, shape (H, W), optional
+        float32, standard error in the map's unit.
     range : tuple of float, optional
         The disparities swept, px per view step.
     runtime : float, optional
@@ -40,6 +42,7 @@ class Record:
     quantity: str = "disparity"
     unit: str = "px per view step"
     confidence: npt.NDArray[np.float32] | None = None
+    sigma: npt.NDArray[np.float32] | None = None
     range: tuple[float, float] | None = None
     runtime: float | None = None
     parameters: str | None = None
@@ -60,6 +63,7 @@ def as_record(result: Result | Record | npt.NDArray[Any]) -> Record:
     return Record(
         checked_map(result.disparity, "disparity"),
         confidence=checked_map(result.confidence, "confidence"),
+        sigma=None if result.sigma is None else checked_map(result.sigma, "sigma"),
         range=result.range,
         runtime=result.runtime,
         parameters=json.dumps({"name": result.method.name, **result.method.parameters()}),
@@ -67,9 +71,17 @@ def as_record(result: Result | Record | npt.NDArray[Any]) -> Record:
 
 
 def as_depth(record: Record, camera: Camera) -> Record:
-    """Turn disparity into metres; infinity where a pixel is infinitely far away."""
+    """Turn disparity and its standard error into metres; infinity where a pixel is infinitely far away.
+
+    The error is that towards the camera, which is the smaller one.
+    """
     depth = camera.disparity_to_depth(record.values).astype(np.float32)
-    return replace(record, values=depth, quantity="depth", unit="m")
+    sigma = None
+    if record.sigma is not None:
+        nearer = camera.disparity_to_depth(record.values + record.sigma).astype(np.float32)
+        with np.errstate(invalid="ignore"):
+            sigma = np.where(np.isinf(depth), np.float32(np.inf), depth - nearer)
+    return replace(record, values=depth, sigma=sigma, quantity="depth", unit="m")
 
 
 def checked_map(values: npt.NDArray[Any], what: str, *, finite: bool = True) -> npt.NDArray[np.float32]:

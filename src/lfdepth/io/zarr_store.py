@@ -21,7 +21,7 @@ from lfdepth.io.source import ViewSource
 from lfdepth.lightfield import LightField
 
 _MARKERS = ("zarr.json", ".zarray", ".zgroup")
-_LOOKED_FOR = {*stack.NAMES, "disparity", "depth", "confidence", TRUTH}
+_LOOKED_FOR = {*stack.NAMES, "disparity", "depth", "confidence", "sigma", TRUTH}
 _NUMBERS = re.compile(r"[<>|=]?[biuf][1248]|u?int(?:8|16|32|64)|float(?:16|32|64)|bool")
 _CODECS = (
     "blosc",
@@ -78,7 +78,7 @@ def read_zarr(path: Path) -> dict[str, Any]:
 
 
 def write_zarr(path: Path, record: Record) -> None:
-    """Write a group with the map under its quantity's name and the confidence; the rest as attributes."""
+    """Write a group with the map under its quantity's name, confidence and sigma; the rest as attributes."""
     zarr = need("zarr", "zarr", path)
     attributes = {
         "unit": record.unit,
@@ -90,8 +90,9 @@ def write_zarr(path: Path, record: Record) -> None:
         # Version 2 of the format is what older libraries read too.
         group = zarr.open_group(str(temporary), mode="w", zarr_format=2)
         group.create_array(record.quantity, data=record.values)
-        if record.confidence is not None:
-            group.create_array("confidence", data=record.confidence)
+        for name in ("confidence", "sigma"):
+            if (beside := getattr(record, name)) is not None:
+                group.create_array(name, data=beside)
         group.attrs.update({key: value for key, value in attributes.items() if value is not None})
 
 

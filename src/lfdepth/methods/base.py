@@ -84,10 +84,14 @@ class Maps:
         (H, W) float32, px per view step.
     confidence
         (H, W) float32 in [0, 1].
+    sigma
+        (H, W) float32, standard error in px per view step of a pixel that is not wrong altogether; None from
+        a method that does not tell.
     """
 
     disparity: NDArray[np.float32]
     confidence: NDArray[np.float32]
+    sigma: NDArray[np.float32] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,10 @@ from lfdepth.blocks.sweep import smoothed_votes
 from lfdepth.blocks.voting import VoteRule
 from lfdepth.methods import common
 from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
-from lfdepth.methods.parameters import Real, Switch, Whole
+from lfdepth.methods.parameters import Real, Switch, Whole, Word
+
+_ROUNDS = {"fast": 0, "normal": 1, "best": 2}
+"""Rounds of refinement by effort."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,7 +83,10 @@ class FbsVis(Method):
     edge_passes: Annotated[
         int, Whole("Passes over the depth edges; each moves them by at most a pixel.", ge=0, le=100)
     ] = 3
-    refine: Annotated[bool, Switch("Refine the map between planes by all views that see each pixel.")] = True
+    effort: Annotated[
+        Literal["fast", "normal", "best"],
+        Word("How long to work: fast leaves out the refinement between planes, best refines twice."),
+    ] = "normal"
 
     def check(self, shape: Shape) -> None:
         """Windows have to fit the views."""
@@ -93,7 +99,7 @@ class FbsVis(Method):
         held = min(v * u, max(v * u // 2 + 9, 25))
         colours = held * height * padded * channels * min(sample_bytes, 2)
         surfaces = 2 * v * u * height * padded
-        splines = 4 * 0.75 * v * u * height * width if self.refine else 0
+        splines = 4 * 0.75 * v * u * height * width if _ROUNDS[self.effort] else 0
         volumes = 9 * len(planes) * height * width
         return int(colours + surfaces + splines + volumes + common.sweep_bytes(shape, planes))
 
@@ -104,7 +110,8 @@ class FbsVis(Method):
     def run(self, problem: Problem, work: Work) -> Maps:
         """A first map, its visibility and edges, the second count, gloss, and the map."""
         lf, planes, engine, trace = problem.lf, problem.planes, work.engine, work.trace
-        trace.steps(len(planes) + 1 + self.visibility * (len(planes) + self.gloss + self.refine + 2))
+        rounds = _ROUNDS[self.effort]
+        trace.steps(len(planes) + 1 + self.visibility * (len(planes) + self.gloss + min(rounds, 1) + 2))
         rule = VoteRule(self.delta, self.threshold, self.gradient)
         with trace.block("preparation"):
             guide = guide_image(lf, self.guide)
@@ -139,11 +146,12 @@ class FbsVis(Method):
             disparity = edges.decide(disparity)
             confidence = edges.lower_confidence(confidence, disparity)
         trace.step("edges")
-        if self.refine:
-            with trace.block("refinement"):
-                disparity = refine_map(lf, disparity, RefineRule(), work.engine)
-            trace.step("refinement")
-        return Maps(disparity, confidence)
+        if rounds == 0:
+            return Maps(disparity, confidence)
+        with trace.block("refinement"):
+            refined = refine_map(lf, disparity, RefineRule(rounds=rounds), work.engine)
+        trace.step("refinement")
+        return Maps(refined.disparity, confidence, refined.sigma)
 
     def _energy(self, problem: Problem, guide: NDArray[np.float32], work: Work) -> JointEnergy:
         """The energy, on every second plane until the first map, where there is a second count."""
