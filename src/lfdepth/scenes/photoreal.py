@@ -215,6 +215,41 @@ def _gloss(stage: Set) -> None:
     stage.add({"type": "rectangle", "to_world": leaning}, board, _FLAT)
 
 
+def _plain(stage: Set, name: str) -> dict[str, Any]:
+    """Matt, of one colour: nothing but shading tells its shape."""
+    colour = [float(level) for level in (np.array(COLOURS[name]) / 255) ** 2.2]
+    return stage.matt({"type": "rgb", "value": colour})
+
+
+def _balls(stage: Set) -> None:
+    """Smooth plastic balls of one colour each before a textured wall."""
+    stage.room(
+        stage.matt(stage.cloth("sand", "clay", across=8, n=1024)),
+        stage.matt(stage.cloth("slate", "haze", across=8, n=1024)),
+    )
+    for i, colour in enumerate(("brick", "olive", "ivory", "moss", "clay", "haze", "sand", "slate")):
+        z, radius = 6.8 + 3.2 * i / 7, stage.uniform(0.22, 0.42)
+        x = 0.15 * z * (-1, 1, 0.1, -0.5, 0.6, -0.2, 0.9, -0.9)[i] * stage.uniform(0.7, 1)
+        y = 1.1 - radius if i % 2 else stage.uniform(-0.8, 0.5)
+        shape = {"type": "sphere", "center": [x, y, z], "radius": radius}
+        stage.add(shape, _plain(stage, colour), _ROUND)
+
+
+def _table(stage: Set) -> None:
+    """A plain slanted table with a few textured things on it, before a plain wall."""
+    stage.room(_plain(stage, "haze"), _plain(stage, "sand"))
+    top = stage.place((0, 0.45, 8.6), (1.3, 2.0, 1), (102, 0, 0))
+    stage.add({"type": "rectangle", "to_world": top}, _plain(stage, "ivory"), _FLAT)
+    cloths = [stage.matt(stage.cloth(*names)) for names in (("brick", "sand"), ("olive", "moss"))]
+    for i in range(6):
+        z, side = 7.4 + 2.4 * i / 5, stage.uniform(0.08, 0.16)
+        x = 0.13 * z * (-0.9, 0.5, -0.2, 0.9, -0.6, 0.2)[i]
+        above = 0.45 - (z - 8.6) * 0.2126  # the tangent of 12 degrees
+        turn = [0.0, stage.uniform(0, 90), 0.0]
+        shape = {"type": "cube", "to_world": stage.place((x, above - side, z), (side, side, side), turn)}
+        stage.add(shape, cloths[i % 2], _FLAT)
+
+
 @dataclass(frozen=True)
 class Motif:
     """How to fill a set, and what it is for."""
@@ -233,6 +268,12 @@ MOTIFS = {
     "photo-fence": Motif(_fence, "Path-traced: a thin wire mesh and posts before boxes; D from -1.5 to 1.5."),
     "photo-gloss": Motif(
         _gloss, "Path-traced: varnished balls, metal and a polished floor; D from -1.5 to 1.2."
+    ),
+    "photo-balls": Motif(
+        _balls, "Path-traced: plastic balls of one colour each before a textured wall; D from -1.5 to 1.2."
+    ),
+    "photo-table": Motif(
+        _table, "Path-traced: a plain slanted table with a few things on it, a plain wall; D from -1.5 to 1.2."
     ),
 }
 """Path-traced scenes by name."""
