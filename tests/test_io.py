@@ -307,6 +307,7 @@ class FakeResult:
     range: tuple[float, float] = (-1.0, 2.0)
     runtime: float = 3.5
     method: FakeMethod = FakeMethod()
+    sigma: npt.NDArray[np.float32] | None = None
 
 
 def test_npz_holds_all_that_is_known(tmp_path: Path) -> None:

@@ -246,7 +246,7 @@ def test_rims_lie_on_the_planes_of_their_surfaces() -> None:
     blurred[:, 24] += 0.1
     lf = LightField(np.full((3, 3, 40, 48, 1), 128, np.uint8))
     with engine() as started:
-        guide = lf.reference.astype(np.float32) / 255
+        guide = lf.reference.astype(np.float32) / np.float32(255)
         found = refine._draw_rims(blurred, guide, RefineRule(), started)
     assert abs(found - truth)[2:-2, 2:-2].max() < 0.003
 

@@ -1,7 +1,7 @@
 """Each written file read back by the library that people use for its format."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +19,9 @@ from PIL import Image
 
 from lfdepth.camera import Camera
 from lfdepth.errors import LightFieldError
-from lfdepth.io import check_writable, read_disparity, write
+from lfdepth.io import check_writable, read_disparity, read_record, write
 from lfdepth.io.ply import triangles
+from lfdepth.io.record import Record, as_depth
 from lfdepth.lightfield import LightField
 
 KEEP_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25)
@@ -45,9 +46,11 @@ class FakeResult:
     range: tuple[float, float] = (-1.0, 2.0)
     runtime: float = 3.5
     method: FakeMethod = FakeMethod()
+    sigma: npt.NDArray[np.float32] | None = None
 
 
 RESULT: Any = FakeResult(MAP, np.linspace(0, 1, 30, dtype=np.float32).reshape(5, 6))
+SIGMA = np.linspace(0.01, 0.05, 30, dtype=np.float32).reshape(5, 6)
 
 maps = arrays(
     np.float32, st.tuples(st.integers(1, 9), st.integers(1, 9)), elements=st.floats(-1e6, 1e6, width=32)
@@ -88,6 +91,29 @@ def test_openexr(tmp_path: Path) -> None:
         np.testing.assert_allclose(file.channels()["Z"].pixels, CAMERA.disparity_to_depth(MAP), rtol=1e-6)
     with pytest.raises(LightFieldError, match=r"depth\.exr: holds depth, .*\(OpenEXR: channel Y\)"):
         read_disparity(tmp_path / "depth.exr")
+
+
+@pytest.mark.parametrize("ending", [".npz", ".zarr", ".exr"])
+def test_standard_errors_are_kept(tmp_path: Path, ending: str) -> None:
+    path = tmp_path / f"map{ending}"
+    write(path, replace(RESULT, sigma=SIGMA))
+    kept = read_record(path)
+    assert kept.sigma is not None
+    np.testing.assert_array_equal(kept.sigma, SIGMA)
+    write(path, RESULT)
+    assert read_record(path).sigma is None
+
+
+def test_standard_errors_of_depth_are_in_metres() -> None:
+    """dZ = Z(D) − Z(D + σ); a point at infinity has none that is finite."""
+    disparity = MAP.copy()
+    disparity[0, 0] = CAMERA.depth_to_disparity(np.array(np.inf))
+    found = as_depth(Record(disparity, sigma=SIGMA), CAMERA)
+    expected = CAMERA.disparity_to_depth(disparity) - CAMERA.disparity_to_depth(disparity + SIGMA)
+    assert found.sigma is not None
+    assert np.isinf(found.sigma[np.isinf(found.values)]).all()
+    finite = np.isfinite(found.values)
+    np.testing.assert_allclose(found.sigma[finite], expected[finite], rtol=1e-3)
 
 
 def test_zarr(tmp_path: Path) -> None:

@@ -273,7 +273,8 @@ MOTIFS = {
         _balls, "Path-traced: plastic balls of one colour each before a textured wall; D from -1.5 to 1.2."
     ),
     "photo-table": Motif(
-        _table, "Path-traced: a plain slanted table with a few things on it, a plain wall; D from -1.5 to 1.2."
+        _table,
+        "Path-traced: a plain slanted table with a few things on it, a plain wall; D from -1.5 to 1.2.",
     ),
 }
 """Path-traced scenes by name."""
