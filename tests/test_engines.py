@@ -19,6 +19,7 @@ import pytest
 import fields
 import naive
 import naive_gloss
+import naive_labels
 import naive_photo
 import naive_pictures
 import naive_refine
@@ -596,6 +597,57 @@ def test_medians_agree_with_the_oracle(used: Engine, radius: int, weighed: bool)
         )
         assert ((found >= low) & (found <= high)).all()
         assert np.mean(low == high) > 0.97
+
+
+# Cost volumes
+
+
+@pytest.mark.parametrize("labels", [2, 3, 17])
+def test_least_costs_agree_with_the_oracle(used: Engine, labels: int) -> None:
+    """In quarters, so that costs tie and stretches of labels are level."""
+    volume = (np.random.default_rng(labels).integers(-4, 5, (labels, 6, 35)) / 4).astype(np.float32)
+    volume[:, 0, 0] = 0.5
+    index, beside = used.minima(used.upload(volume))
+    for y, x in np.ndindex(6, 35):
+        costs = volume[:, y, x].tolist()
+        least = costs.index(min(costs))
+        around = costs[least], costs[max(least - 1, 0)], costs[min(least + 1, labels - 1)]
+        assert index[y, x] == least
+        assert beside[:, y, x].tolist() == [*around, naive_labels.runner_up(costs)]
+
+
+@pytest.mark.parametrize("size", [(5, 9), (7, 4), (1, 6), (6, 1)])
+@pytest.mark.parametrize("table", [[0.0], [0, 0.25], [0, 0.5, 0.75], [0, 0.125, 0.25, 0.5, 0.5, 2]])
+@pytest.mark.parametrize("sides", [4, 8])
+def test_paths_of_any_penalty_agree_with_the_oracle(
+    used: Engine, size: tuple[int, int], table: list[float], sides: int
+) -> None:
+    """In parts of two, so that sums are exact and none may differ; few labels for a long table among them."""
+    for labels in (2, 4, 11):
+        rng = np.random.default_rng([*size, labels, sides])
+        host = (rng.integers(0, 16, (labels, *size)) / 4).astype(np.float32)
+        weights = rng.choice([0, 0.5, 1, 2], (sides // 2, *size)).astype(np.float32)
+        penalties = np.array(table, np.float32)
+        volume = used.upload(host.copy())
+        used.line_paths(volume, weights, penalties)
+        expected = naive_labels.path_sums(host, weights, penalties)
+        np.testing.assert_array_equal(used.download(volume), expected)
+
+
+@pytest.mark.parametrize("radius", [1, 3])
+@pytest.mark.parametrize("size", [(9, 12), (2, 7), (8, 1)])
+def test_bilateral_means_agree_with_the_oracle(used: Engine, size: tuple[int, int], radius: int) -> None:
+    rng = np.random.default_rng([*size, radius])
+    guide, volume = rng.random((*size, 3)).astype(np.float32), rng.random((2, *size)).astype(np.float32)
+    for colour, space in ((0.1, 3.0), (0.5, 1e6)):
+        prepared, out = (
+            used.bilateral_filter(guide, radius, colour, space),
+            used.empty(volume.shape, np.float32),
+        )
+        used.bilateral(prepared, used.upload(volume), out)
+        for found, image in zip(used.download(out), volume, strict=True):
+            expected = naive_labels.bilateral(image, guide, radius, colour, space)
+            np.testing.assert_allclose(found, expected, atol=2e-6)
 
 
 # Pictures from many views

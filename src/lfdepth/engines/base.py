@@ -388,6 +388,36 @@ class Engine(Protocol):
         C) where a view is absent, the window leaves it, or a sample is 0 or white.
         """
 
+    # --- cost volumes
+
+    def minima(self, volume: Array) -> tuple[NDArray[np.int32], Float]:
+        """Least cost of each pixel of a volume (K, H, W), and what lies around it, on the host.
+
+        Returns
+        -------
+        (H, W) first label of least cost; (4, H, W) the cost there, those of the labels before and after it
+        (its own at the ends), and that of the next lowest local minimum, or where there is none the largest
+        cost.
+        """
+
+    def line_paths(self, volume: Array, weights: Float, table: Float) -> None:
+        """Replace costs (K, H, W) float32 by their sums over the best paths from 2·N sides, in place.
+
+        Semi-global matching with any penalty. Between neighbours, a change by d labels costs their weight
+        times `table[d]`, and from the table's last entry on that one; `table[0]` is 0, and none is less than
+        the one before. `weights` (N, H, W), N = 2 or 4, are those between a pixel and the next to the right,
+        below, below to the right, and below to the left. Each path counts a pixel's own cost once.
+        """
+
+    def bilateral_filter(self, guide: Float, radius: int, sigma_colour: float, sigma_space: float) -> Any:
+        """Prepare a joint bilateral filter for a guide (H, W, C), windows of (2·`radius` + 1)² px.
+
+        A pixel weighs exp(−‖ΔI‖²/(2·σ_colour²) − ‖Δp‖²/(2·σ_space²)); windows are cut at the border.
+        """
+
+    def bilateral(self, prepared: Any, volume: Array, out: Array) -> None:
+        """Smooth every slice of a volume (K, H, W) into `out`, which is another."""
+
     # --- pictures from many views
 
     def seen(self, disparity: Float, offset: tuple[float, float], *, plane: float = 0.0) -> Float:

@@ -13,12 +13,13 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from lfdepth.engines.base import Array, Bool, Box, Delta, Float, Gradient
-from lfdepth.engines.cpu import guided, layout, medians
+from lfdepth.engines.cpu import bilateral, guided, layout, medians
 from lfdepth.engines.cpu.kernels import decode as decode_kernels
 from lfdepth.engines.cpu.kernels import edges as edge_kernels
 from lfdepth.engines.cpu.kernels import energy as energy_kernels
 from lfdepth.engines.cpu.kernels import focusing as focusing_kernels
 from lfdepth.engines.cpu.kernels import gloss as gloss_kernels
+from lfdepth.engines.cpu.kernels import labels as label_kernels
 from lfdepth.engines.cpu.kernels import matching as matching_kernels
 from lfdepth.engines.cpu.kernels import noise as noise_kernels
 from lfdepth.engines.cpu.kernels import photo as photo_kernels
@@ -34,6 +35,7 @@ from lfdepth.engines.layout import (
     DISPARITY_PARTS,
     ENERGY_SCALE,
     GREY_WHITE,
+    PATH_STEPS,
     SHARE_LEVELS,
     SURFACE_JUMP,
     UNKNOWN_SURFACE,
@@ -588,6 +590,46 @@ class CpuEngine:
         source = (views.views, views.present, views.offsets, places, disparity, reach, white)
         self.workers.rows(count, windows_kernels.window_kernel, *source, means, usable)
         return means, usable
+
+    # --- cost volumes
+
+    def minima(self, volume: Array) -> tuple[NDArray[np.int32], Float]:
+        """Least costs, and what lies around them."""
+        index = np.empty(volume.shape[1:], np.int32)
+        beside = np.empty((4, *index.shape), np.float32)
+        self.workers.rows(len(index), label_kernels.minima_kernel, volume, index, beside)
+        return index, beside
+
+    def line_paths(self, volume: Array, weights: Float, table: Float) -> None:
+        """Sums over the best paths, line by line, labels innermost."""
+        count, height, width = volume.shape
+        energy, total = (
+            np.empty((height, width, count), np.float32),
+            np.zeros((height, width, count), np.float32),
+        )
+
+        def turn(first: int, last: int) -> None:
+            energy[first:last] = volume[:, first:last].transpose(1, 2, 0)
+
+        def turn_back(first: int, last: int) -> None:
+            volume[:, first:last] = total[first:last].transpose(2, 0, 1)
+
+        self.workers.rows(height, turn)
+        lines = (height, width, height + width - 1, height + width - 1)
+        for weight, step, number in zip(weights, PATH_STEPS, lines, strict=False):
+            place = (energy, total, np.ascontiguousarray(weight), table, step)
+            self.workers.rows(number, label_kernels.path_kernel, *place)
+        self.workers.rows(height, turn_back)
+
+    def bilateral_filter(
+        self, guide: Float, radius: int, sigma_colour: float, sigma_space: float
+    ) -> tuple[Float, int]:
+        """Weights (H, N, W) of a window's pixels, and its radius."""
+        return bilateral.weights(self.workers, guide, radius, sigma_colour, sigma_space), radius
+
+    def bilateral(self, prepared: tuple[Float, int], volume: Array, out: Array) -> None:
+        """Weighted means."""
+        self.workers.rows(volume.shape[1], label_kernels.bilateral_kernel, volume, *prepared, out)
 
     # --- pictures from many views
 

@@ -15,9 +15,10 @@ from numpy.typing import DTypeLike, NDArray
 
 from lfdepth.engines.base import Array, Bool, Box, Delta, Float, Gradient
 from lfdepth.engines.layout import SHARE_LEVELS, SURFACE_JUMP
-from lfdepth.engines.plain import edges, energy, filters, photo, pictures, refine, voting
+from lfdepth.engines.plain import edges, energy, filters, labels, photo, pictures, refine, voting
 from lfdepth.engines.plain.edges import Views
 from lfdepth.engines.plain.filters import Prepared
+from lfdepth.engines.plain.labels import BilateralWeights
 from lfdepth.engines.plain.photo import ColourLevels, Surfaces
 from lfdepth.engines.plain.refine import Splines
 from lfdepth.engines.plain.voting import GreyLevels
@@ -395,6 +396,26 @@ class NumpyEngine:
     ) -> tuple[Float, Bool]:
         """Mean levels of windows, and whether they are of use."""
         return edges.window_means(views, points, disparity, reach)
+
+    # --- cost volumes
+
+    def minima(self, volume: Array) -> tuple[NDArray[np.int32], Float]:
+        """Least costs, and what lies around them."""
+        return labels.minima(volume)
+
+    def line_paths(self, volume: Array, weights: Float, table: Float) -> None:
+        """Sums over the best paths."""
+        volume[:] = labels.paths(volume, weights, table)
+
+    def bilateral_filter(
+        self, guide: Float, radius: int, sigma_colour: float, sigma_space: float
+    ) -> BilateralWeights:
+        """Weights of a window's pixels."""
+        return labels.bilateral_filter(guide, radius, sigma_colour, sigma_space)
+
+    def bilateral(self, prepared: BilateralWeights, volume: Array, out: Array) -> None:
+        """Weighted means."""
+        out[:] = labels.bilateral(prepared, volume)
 
     # --- pictures from many views
 
