@@ -67,7 +67,15 @@ def path_sums(volume: Array, weights: Array, table: Array) -> Array:
     return total
 
 
-def bilateral(image: Array, guide: Array, radius: int, sigma_colour: float, sigma_space: float) -> Array:
+def bilateral(
+    image: Array,
+    guide: Array,
+    radius: int,
+    sigma_colour: float,
+    sigma_space: float | None,
+    colours: str,
+    window: str,
+) -> Array:
     """Weighted mean of every window, cut at the border."""
     height, width = image.shape
     out = np.zeros(image.shape)
@@ -75,11 +83,13 @@ def bilateral(image: Array, guide: Array, radius: int, sigma_colour: float, sigm
         total = weight = 0.0
         for qy in range(max(y - radius, 0), min(y + radius + 1, height)):
             for qx in range(max(x - radius, 0), min(x + radius + 1, width)):
-                colour = sum(
-                    (float(a) - float(b)) ** 2 for a, b in zip(guide[y, x], guide[qy, qx], strict=True)
-                )
                 space = (y - qy) ** 2 + (x - qx) ** 2
-                own = np.exp(-colour / (2 * sigma_colour**2) - space / (2 * sigma_space**2))
+                if window == "disc" and space > radius**2:
+                    continue
+                pairs = [abs(float(a) - float(b)) for a, b in zip(guide[y, x], guide[qy, qx], strict=True)]
+                apart = sum(each**2 for each in pairs) if colours == "euclidean" else sum(pairs) ** 2
+                own = np.exp(-apart / (2 * sigma_colour**2))
+                own *= 1 if sigma_space is None else np.exp(-space / (2 * sigma_space**2))
                 total, weight = total + own * float(image[qy, qx]), weight + own
         out[y, x] = total / weight
     return out

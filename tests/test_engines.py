@@ -18,6 +18,7 @@ import pytest
 
 import fields
 import naive
+import naive_costs
 import naive_gloss
 import naive_labels
 import naive_photo
@@ -25,6 +26,7 @@ import naive_pictures
 import naive_refine
 import naive_vis
 from lfdepth import engines, scenes
+from lfdepth.blocks.bilateral import bilateral_weights
 from lfdepth.blocks.edges import DepthEdges, EdgeRule
 from lfdepth.blocks.median import weighted_median
 from lfdepth.blocks.refine import RefineRule, gather_evidence, refine_disparity
@@ -599,6 +601,26 @@ def test_medians_agree_with_the_oracle(used: Engine, radius: int, weighed: bool)
         assert np.mean(low == high) > 0.97
 
 
+# Costs of planes
+
+
+@pytest.mark.parametrize("dtype", fields.DTYPES)
+@pytest.mark.parametrize("grid", GRIDS)
+def test_truncated_differences_agree_with_the_oracle(used: Engine, grid: tuple[int, int], dtype: str) -> None:
+    """Of the views, and of the reference view moved in their stead; every value of a sum is a whole number."""
+    rng = np.random.default_rng([*grid, len(dtype)])
+    for channels, size in ((1, (9, 33)), (3, (34, 12))):
+        lf = fields.light_field(rng, grid, size, channels, dtype, "scene", fields.random_present(rng, grid))
+        limits = rng.uniform(0.005, 0.5, size).astype(np.float32)
+        limits[0, 0] = 2
+        views, out = used.colour_views(lf, 1.2), used.empty(size, np.float32)
+        for plane in (-0.9, 0.33, 1.2):
+            for itself in (False, True):
+                used.differences(views, plane, used.upload(limits), out, beyond=0.75, itself=itself)
+                expected = naive_costs.differences(lf.views, plane, limits, 0.75, lf.available, itself)
+                np.testing.assert_allclose(used.download(out), expected, rtol=1e-5, atol=1e-7)
+
+
 # Cost volumes
 
 
@@ -639,14 +661,15 @@ def test_paths_of_any_penalty_agree_with_the_oracle(
 def test_bilateral_means_agree_with_the_oracle(used: Engine, size: tuple[int, int], radius: int) -> None:
     rng = np.random.default_rng([*size, radius])
     guide, volume = rng.random((*size, 3)).astype(np.float32), rng.random((2, *size)).astype(np.float32)
-    for colour, space in ((0.1, 3.0), (0.5, 1e6)):
-        prepared, out = (
-            used.bilateral_filter(guide, radius, colour, space),
-            used.empty(volume.shape, np.float32),
+    rules: list[Any] = [(0.1, 3.0, "euclidean", "square"), (0.5, None, "sum", "disc")]
+    for colour, space, distance, window in rules:
+        weights = bilateral_weights(
+            guide, radius, sigma_colour=colour, sigma_space=space, colours=distance, window=window
         )
-        used.bilateral(prepared, used.upload(volume), out)
+        out = used.empty(volume.shape, np.float32)
+        used.local_means(used.upload(volume), *weights, out)
         for found, image in zip(used.download(out), volume, strict=True):
-            expected = naive_labels.bilateral(image, guide, radius, colour, space)
+            expected = naive_labels.bilateral(image, guide, radius, colour, space, distance, window)
             np.testing.assert_allclose(found, expected, atol=2e-6)
 
 

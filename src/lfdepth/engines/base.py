@@ -388,6 +388,25 @@ class Engine(Protocol):
         C) where a view is absent, the window leaves it, or a sample is 0 or white.
         """
 
+    # --- costs of planes
+
+    def differences(
+        self,
+        views: ColourViews,
+        disparity: float,
+        limits: Array,
+        out: Array,
+        *,
+        beyond: float,
+        itself: bool = False,
+    ) -> None:
+        """Mean over the views that vote of their difference to the reference view at one plane, into `out`.
+
+        A view's difference is the mean over channels of absolute ones; where it is not below `limits` (H, W)
+        it counts as `beyond`, all in parts of full scale. With `itself`, the reference view is moved in every
+        view's stead. LightFieldError where the plane lies beyond what the views were prepared for.
+        """
+
     # --- cost volumes
 
     def minima(self, volume: Array) -> tuple[NDArray[np.int32], Float]:
@@ -409,14 +428,12 @@ class Engine(Protocol):
         below, below to the right, and below to the left. Each path counts a pixel's own cost once.
         """
 
-    def bilateral_filter(self, guide: Float, radius: int, sigma_colour: float, sigma_space: float) -> Any:
-        """Prepare a joint bilateral filter for a guide (H, W, C), windows of (2·`radius` + 1)² px.
+    def local_means(self, volume: Array, weights: Float, around: NDArray[np.int64], out: Array) -> None:
+        """Weighted sum of the pixels around every pixel, slice by slice of a volume (K, H, W), into `out`.
 
-        A pixel weighs exp(−‖ΔI‖²/(2·σ_colour²) − ‖Δp‖²/(2·σ_space²)); windows are cut at the border.
+        `around` (N, 2) says where they lie, px down and across; `weights` (H, N, W) are 0 where that is
+        beyond the border (`blocks.bilateral`).
         """
-
-    def bilateral(self, prepared: Any, volume: Array, out: Array) -> None:
-        """Smooth every slice of a volume (K, H, W) into `out`, which is another."""
 
     # --- pictures from many views
 

@@ -8,6 +8,7 @@ DEFAULT = "fbs-vis"
 """The method that is used where none is named."""
 
 HOMES = {
+    "oavc": "lfdepth.methods.oavc:Oavc",
     "fbs": "lfdepth.methods.fbs:Fbs",
     "fbs-sfa": "lfdepth.methods.fbs_sfa:FbsSfa",
     "fbsocc-sfa": "lfdepth.methods.fbsocc_sfa:FbsoccSfa",

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from lfdepth.engines.base import Array, Bool, Box, Delta, Float, Gradient
-from lfdepth.engines.cpu import bilateral, guided, layout, medians
+from lfdepth.engines.cpu import guided, layout, medians
 from lfdepth.engines.cpu.kernels import decode as decode_kernels
+from lfdepth.engines.cpu.kernels import differences as difference_kernels
 from lfdepth.engines.cpu.kernels import edges as edge_kernels
 from lfdepth.engines.cpu.kernels import energy as energy_kernels
 from lfdepth.engines.cpu.kernels import focusing as focusing_kernels
@@ -591,6 +592,22 @@ class CpuEngine:
         self.workers.rows(count, windows_kernels.window_kernel, *source, means, usable)
         return means, usable
 
+    # --- costs of planes
+
+    def differences(
+        self,
+        views: ColourStack,
+        disparity: float,
+        limits: Array,
+        out: Array,
+        *,
+        beyond: float,
+        itself: bool = False,
+    ) -> None:
+        """Truncated differences of one plane."""
+        place = (out, limits, beyond, *_colour_sampling(views, disparity), itself)
+        self.workers.rows(views.size[0], difference_kernels.difference_kernel, *place)
+
     # --- cost volumes
 
     def minima(self, volume: Array) -> tuple[NDArray[np.int32], Float]:
@@ -621,15 +638,10 @@ class CpuEngine:
             self.workers.rows(number, label_kernels.path_kernel, *place)
         self.workers.rows(height, turn_back)
 
-    def bilateral_filter(
-        self, guide: Float, radius: int, sigma_colour: float, sigma_space: float
-    ) -> tuple[Float, int]:
-        """Weights (H, N, W) of a window's pixels, and its radius."""
-        return bilateral.weights(self.workers, guide, radius, sigma_colour, sigma_space), radius
-
-    def bilateral(self, prepared: tuple[Float, int], volume: Array, out: Array) -> None:
-        """Weighted means."""
-        self.workers.rows(volume.shape[1], label_kernels.bilateral_kernel, volume, *prepared, out)
+    def local_means(self, volume: Array, weights: Float, around: NDArray[np.int64], out: Array) -> None:
+        """Weighted sums, a row of all slices at once."""
+        place = (volume, weights, around, out)
+        self.workers.rows(volume.shape[1], label_kernels.local_mean_kernel, *place)
 
     # --- pictures from many views
 
@@ -691,19 +703,16 @@ def _photo_arguments(
     Sums of differences are whole numbers, so `sum / (C·WHITE) < threshold` is
     `sum < ceil(threshold·C·WHITE)`; the product is exact in double precision.
     """
+    sampling = _colour_sampling(stack, disparity)
+    return thresholds, *sampling, _placed_visibility(stack, disparity, surfaces), surfaces is not None
+
+
+def _colour_sampling(stack: ColourStack, disparity: float) -> tuple[Any, ...]:
+    """The kernels' arguments that say how a plane samples views in colour."""
     plane = stack.shifts(disparity)
     own = stack.reference[0] * stack.grid[1] + stack.reference[1]
-    return (
-        thresholds,
-        stack.data,
-        (*stack.grid, stack.size[0], stack.channels, stack.row_length, stack.margin, own),
-        plane.down,
-        plane.across,
-        plane.weights.astype(np.int16),
-        stack.present,
-        _placed_visibility(stack, disparity, surfaces),
-        surfaces is not None,
-    )
+    shape = (*stack.grid, stack.size[0], stack.channels, stack.row_length, stack.margin, own)
+    return stack.data, shape, plane.down, plane.across, plane.weights.astype(np.int16), stack.present
 
 
 def _placed_visibility(

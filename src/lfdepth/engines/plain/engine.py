@@ -15,10 +15,9 @@ from numpy.typing import DTypeLike, NDArray
 
 from lfdepth.engines.base import Array, Bool, Box, Delta, Float, Gradient
 from lfdepth.engines.layout import SHARE_LEVELS, SURFACE_JUMP
-from lfdepth.engines.plain import edges, energy, filters, labels, photo, pictures, refine, voting
+from lfdepth.engines.plain import costs, edges, energy, filters, labels, photo, pictures, refine, voting
 from lfdepth.engines.plain.edges import Views
 from lfdepth.engines.plain.filters import Prepared
-from lfdepth.engines.plain.labels import BilateralWeights
 from lfdepth.engines.plain.photo import ColourLevels, Surfaces
 from lfdepth.engines.plain.refine import Splines
 from lfdepth.engines.plain.voting import GreyLevels
@@ -397,6 +396,21 @@ class NumpyEngine:
         """Mean levels of windows, and whether they are of use."""
         return edges.window_means(views, points, disparity, reach)
 
+    # --- costs of planes
+
+    def differences(
+        self,
+        views: ColourLevels,
+        disparity: float,
+        limits: Array,
+        out: Array,
+        *,
+        beyond: float,
+        itself: bool = False,
+    ) -> None:
+        """Truncated differences of one plane."""
+        out[:] = costs.differences(views, disparity, limits, beyond, itself)
+
     # --- cost volumes
 
     def minima(self, volume: Array) -> tuple[NDArray[np.int32], Float]:
@@ -407,15 +421,9 @@ class NumpyEngine:
         """Sums over the best paths."""
         volume[:] = labels.paths(volume, weights, table)
 
-    def bilateral_filter(
-        self, guide: Float, radius: int, sigma_colour: float, sigma_space: float
-    ) -> BilateralWeights:
-        """Weights of a window's pixels."""
-        return labels.bilateral_filter(guide, radius, sigma_colour, sigma_space)
-
-    def bilateral(self, prepared: BilateralWeights, volume: Array, out: Array) -> None:
-        """Weighted means."""
-        out[:] = labels.bilateral(prepared, volume)
+    def local_means(self, volume: Array, weights: Float, around: NDArray[np.int64], out: Array) -> None:
+        """Weighted sums."""
+        out[:] = labels.local_means(volume, weights, around)
 
     # --- pictures from many views
 

@@ -1,9 +1,7 @@
-"""Cost volumes (K, H, W): minima, paths with any penalty, bilateral means."""
+"""Cost volumes (K, H, W): minima, paths with any penalty, local means."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -64,34 +62,12 @@ def _sweep(costs: Exact, weight: Exact, table: Exact, step: tuple[int, int], way
     return out
 
 
-@dataclass(frozen=True, eq=False)
-class BilateralWeights:
-    """Weights (N, H, W) of a window's pixels, row by row; 0 beyond the border, 1 in all."""
-
-    weights: Exact
-    radius: int
-
-
-def bilateral_filter(guide: Float, radius: int, sigma_colour: float, sigma_space: float) -> BilateralWeights:
-    """Weights of a joint bilateral filter."""
-    image = guide.astype(np.float64)
-    around = product(range(-radius, radius + 1), repeat=2)
-    weights = []
-    for dy, dx in around:
-        inside = _moved(np.ones(image.shape[:2]), dy, dx)
-        colour = ((_moved(image, dy, dx) - image) ** 2).sum(axis=2) / (2 * sigma_colour**2)
-        weights.append(inside * np.exp(-colour - (dy**2 + dx**2) / (2 * sigma_space**2)))
-    total = np.array(weights)
-    return BilateralWeights(total / total.sum(axis=0), radius)
-
-
-def bilateral(prepared: BilateralWeights, volume: Array) -> Exact:
-    """Weighted means of slices."""
-    around = product(range(-prepared.radius, prepared.radius + 1), repeat=2)
+def local_means(volume: Array, weights: Float, around: NDArray[np.int64]) -> Exact:
+    """Weighted sums (K, H, W) of the pixels around every pixel."""
     planes = np.moveaxis(volume.astype(np.float64), 0, 2)
     total = np.zeros_like(planes)
-    for weight, (dy, dx) in zip(prepared.weights, around, strict=True):
-        total += weight[..., None] * _moved(planes, dy, dx)
+    for n, (down, across) in enumerate(around.tolist()):
+        total += weights[:, n, :, None] * _moved(planes, down, across)
     return np.moveaxis(total, 2, 0)
 
 

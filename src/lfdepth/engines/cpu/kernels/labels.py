@@ -1,4 +1,4 @@
-"""Kernels of cost volumes (K, H, W): minima, paths with any penalty, bilateral means."""
+"""Kernels of cost volumes (K, H, W): minima, paths with any penalty, local means."""
 
 from __future__ import annotations
 
@@ -131,20 +131,21 @@ def path_kernel(first_line, last_line, energy, total, weights, table, step):
 
 
 @nb.njit(**INNER)
-def _add_weighted(out, weights, row, start, end, move):
-    for x in range(start, end):
-        out[x] += weights[x] * row[x + move]
+def _add_weighted(out, weights, row):
+    for x in range(out.size):
+        out[x] += weights[x] * row[x]
 
 
 @nb.njit(**KERNEL)
-def bilateral_kernel(first_row, last_row, volume, weights, radius, out):
-    """Weighted means of slices; `weights` (H, N, W) of a window's pixels row by row, 0 beyond the border."""
+def local_mean_kernel(first_row, last_row, volume, weights, around, out):
+    """Weighted sums of the pixels `around` (N, 2), px down and across; weights are (H, N, W)."""
     count, height, width = volume.shape
     for y in range(first_row, last_row):
         for k in range(count):
             out[k, y] = 0
-            for down in range(max(-radius, -y), min(radius, height - 1 - y) + 1):
-                for across in range(-radius, radius + 1):
-                    n = (down + radius) * (2 * radius + 1) + across + radius
+            for n in range(len(around)):
+                down, across = around[n]
+                if 0 <= y + down < height:
                     start, end = max(0, -across), min(width, width - across)
-                    _add_weighted(out[k, y], weights[y, n], volume[k, y + down], start, end, across)
+                    row = volume[k, y + down, start + across : end + across]
+                    _add_weighted(out[k, y, start:end], weights[y, n, start:end], row)

@@ -1,0 +1,36 @@
+"""What planes cost: how far views differ from the reference view."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfdepth.engines.base import Array
+from lfdepth.engines.layout import COLOUR_UNIT, COLOUR_WHITE, check_within, shifts
+from lfdepth.engines.plain.photo import ColourLevels
+from lfdepth.engines.plain.sampling import shifted
+
+Exact = NDArray[np.float64]
+
+
+def moved_views(views: ColourLevels, disparity: float, itself: bool = False) -> Iterator[NDArray[np.int64]]:
+    """Whole levels (H, W, C) of every view that votes, or with `itself` of the reference view, at a plane."""
+    check_within(disparity, views.reach)
+    plane = shifts(views.offsets, disparity, COLOUR_UNIT)
+    rows, columns = np.arange(views.size[0]), np.arange(views.size[1])
+    for v, u in np.argwhere(views.present).tolist():
+        source = views.levels[views.reference if itself else (v, u)]
+        yield (shifted(source, plane, (v, u), rows, columns) + COLOUR_UNIT // 2) // COLOUR_UNIT
+
+
+def differences(views: ColourLevels, disparity: float, limits: Array, beyond: float, itself: bool) -> Exact:
+    """Mean of truncated differences over the views that vote, in parts of full scale."""
+    own = views.levels[views.reference]
+    total = np.zeros(views.size)
+    for levels in moved_views(views, disparity, itself):
+        difference = np.abs(levels - own).sum(axis=2)
+        white = own.shape[2] * COLOUR_WHITE
+        total += np.where(difference < limits * np.float64(white), difference / white, beyond)
+    return np.asarray(total / np.count_nonzero(views.present))
