@@ -1,4 +1,4 @@
-"""The oracles of the costs of planes: truncated differences, entropy, partial focal stacks; in plain NumPy."""
+"""The oracles of what planes cost: differences, entropy, partial focal stacks; in plain NumPy."""
 
 from __future__ import annotations
 
@@ -37,3 +37,18 @@ def differences(
         for change in [np.abs(image / WHITE - own).mean(axis=2)]
     ]
     return np.asarray(np.mean(total, axis=0))
+
+
+def entropy(views: Array, disparity: float, sigma: float, present: Array) -> Array:
+    """Mean over channels of the entropy of each pixel's weighed histogram of whole 8-bit levels."""
+    own = np.floor(levels(views)[views.shape[0] // 2, views.shape[1] // 2] / UNIT + 0.5)
+    shown = [np.floor(image / UNIT + 0.5) for _, image in moved(views, disparity, present)]
+    out = np.empty(own.shape)
+    for place in np.ndindex(*own.shape):
+        histogram = np.zeros(256)
+        for image in shown:
+            distance = image[place] - own[place]
+            histogram[int(image[place])] += np.exp(-(distance**2) / (2 * sigma**2)) / len(shown)
+        filled = histogram[histogram > 0]
+        out[place] = -(filled / filled.sum() * np.log(filled)).sum()
+    return np.asarray(out.mean(axis=2))

@@ -607,7 +607,7 @@ def test_medians_agree_with_the_oracle(used: Engine, radius: int, weighed: bool)
 @pytest.mark.parametrize("dtype", fields.DTYPES)
 @pytest.mark.parametrize("grid", GRIDS)
 def test_truncated_differences_agree_with_the_oracle(used: Engine, grid: tuple[int, int], dtype: str) -> None:
-    """Of the views, and of the reference view moved in their stead; every value of a sum is a whole number."""
+    """Of the views, and of the reference view moved in their stead."""
     rng = np.random.default_rng([*grid, len(dtype)])
     for channels, size in ((1, (9, 33)), (3, (34, 12))):
         lf = fields.light_field(rng, grid, size, channels, dtype, "scene", fields.random_present(rng, grid))
@@ -619,6 +619,21 @@ def test_truncated_differences_agree_with_the_oracle(used: Engine, grid: tuple[i
                 used.differences(views, plane, used.upload(limits), out, beyond=0.75, itself=itself)
                 expected = naive_costs.differences(lf.views, plane, limits, 0.75, lf.available, itself)
                 np.testing.assert_allclose(used.download(out), expected, rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize("dtype", fields.DTYPES)
+@pytest.mark.parametrize("sigma", [0.7, 10.0, 60.0])
+def test_entropies_agree_with_the_oracle(used: Engine, dtype: str, sigma: float) -> None:
+    rng = np.random.default_rng([int(sigma), len(dtype)])
+    for channels, kind in ((3, "scene"), (1, "noise")):
+        lf = fields.light_field(
+            rng, (5, 4), (7, 33), channels, dtype, kind, fields.random_present(rng, (5, 4))
+        )
+        views, out = used.colour_views(lf, 1.2), used.empty((7, 33), np.float32)
+        for plane in (-0.9, 1.2):
+            used.angular_entropy(views, plane, sigma, out)
+            expected = naive_costs.entropy(lf.views, plane, sigma, lf.available)
+            np.testing.assert_allclose(used.download(out), expected, atol=1e-4)
 
 
 # Cost volumes

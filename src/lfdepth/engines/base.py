@@ -407,6 +407,14 @@ class Engine(Protocol):
         view's stead. LightFieldError where the plane lies beyond what the views were prepared for.
         """
 
+    def angular_entropy(self, views: ColourViews, disparity: float, sigma: float, out: Array) -> None:
+        """Constrained angular entropy of one plane, the mean over channels, into `out` (H, W).
+
+        Of N views, n show a level l at a pixel, in whole 8-bit levels; the share of l is h = n/N·exp(−(l −
+        l₀)²/(2·`sigma`²)), l₀ the reference view's level. The entropy is −Σ h·ln h / Σ h. LightFieldError
+        where the plane lies beyond what the views were prepared for.
+        """
+
     # --- cost volumes
 
     def minima(self, volume: Array) -> tuple[NDArray[np.int32], Float]:

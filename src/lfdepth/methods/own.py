@@ -9,6 +9,7 @@ DEFAULT = "fbs-vis"
 
 HOMES = {
     "oavc": "lfdepth.methods.oavc:Oavc",
+    "cae": "lfdepth.methods.cae:Cae",
     "fbs": "lfdepth.methods.fbs:Fbs",
     "fbs-sfa": "lfdepth.methods.fbs_sfa:FbsSfa",
     "fbsocc-sfa": "lfdepth.methods.fbsocc_sfa:FbsoccSfa",

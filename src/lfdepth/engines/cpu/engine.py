@@ -18,6 +18,7 @@ from lfdepth.engines.cpu.kernels import decode as decode_kernels
 from lfdepth.engines.cpu.kernels import differences as difference_kernels
 from lfdepth.engines.cpu.kernels import edges as edge_kernels
 from lfdepth.engines.cpu.kernels import energy as energy_kernels
+from lfdepth.engines.cpu.kernels import entropy as entropy_kernels
 from lfdepth.engines.cpu.kernels import focusing as focusing_kernels
 from lfdepth.engines.cpu.kernels import gloss as gloss_kernels
 from lfdepth.engines.cpu.kernels import labels as label_kernels
@@ -49,6 +50,9 @@ from lfdepth.engines.layout import (
 )
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
+
+_FALLEN = 6.0
+"""Standard deviations beyond which a level weighs nothing in an entropy."""
 
 
 class CpuEngine:
@@ -608,6 +612,11 @@ class CpuEngine:
         place = (out, limits, beyond, *_colour_sampling(views, disparity), itself)
         self.workers.rows(views.size[0], difference_kernels.difference_kernel, *place)
 
+    def angular_entropy(self, views: ColourStack, disparity: float, sigma: float, out: Array) -> None:
+        """Entropy of one plane."""
+        place = (out, *_bins(sigma, np.count_nonzero(views.present)), *_colour_sampling(views, disparity))
+        self.workers.rows(views.size[0], entropy_kernels.entropy_kernel, *place)
+
     # --- cost volumes
 
     def minima(self, volume: Array) -> tuple[NDArray[np.int32], Float]:
@@ -735,6 +744,19 @@ def _placed_visibility(
 def _planar(guide: Float) -> Float:
     """A guide (H, W, C) laid out channel by channel, flat."""
     return np.ascontiguousarray(np.moveaxis(guide, 2, 0), np.float32).reshape(-1)
+
+
+def _bins(sigma: float, views: int) -> tuple[Float, Float]:
+    """What a bin's −h·ln h gains by each further view (N, bins), and the bins' weights (bins,), times N.
+
+    Bins are whole levels about the middle one; the outermost hold all that lies beyond and weigh nothing.
+    """
+    reach = min(int(np.ceil(_FALLEN * sigma)) + 1, 127)
+    weights = np.exp(-(np.arange(-reach, reach + 1.0) ** 2) / (2 * sigma**2))
+    weights[[0, -1]] = 0
+    filled = np.arange(views + 1)[:, None] * weights
+    sums = filled * np.log(np.where(filled > 0, filled / views, 1))
+    return np.diff(sums, axis=0).astype(np.float32), weights.astype(np.float32)
 
 
 def _gaussian(deviation: float) -> Float:

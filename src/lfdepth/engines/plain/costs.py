@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,3 +35,20 @@ def differences(views: ColourLevels, disparity: float, limits: Array, beyond: fl
         white = own.shape[2] * COLOUR_WHITE
         total += np.where(difference < limits * np.float64(white), difference / white, beyond)
     return np.asarray(total / np.count_nonzero(views.present))
+
+
+def angular_entropy(views: ColourLevels, disparity: float, sigma: float) -> Exact:
+    """Mean over channels of the entropy of the weighed shares of whole levels."""
+    own = _whole(views.levels[views.reference])
+    shown = np.array([_whole(levels) for levels in moved_views(views, disparity)])
+    entropy, inside = np.zeros(own.shape), np.zeros(own.shape)
+    for level in np.unique(shown):
+        share = (shown == level).mean(axis=0) * np.exp(-((level - own) ** 2) / (2 * sigma**2))
+        entropy -= share * np.log(np.where(share > 0, share, 1))
+        inside += share
+    return np.asarray((entropy / inside).mean(axis=2))
+
+
+def _whole(levels: NDArray[Any]) -> NDArray[np.int64]:
+    """Whole 8-bit levels, halves up."""
+    return np.asarray((levels + COLOUR_UNIT // 2) // COLOUR_UNIT, np.int64)

@@ -411,6 +411,10 @@ class NumpyEngine:
         """Truncated differences of one plane."""
         out[:] = costs.differences(views, disparity, limits, beyond, itself)
 
+    def angular_entropy(self, views: ColourLevels, disparity: float, sigma: float, out: Array) -> None:
+        """Entropy of one plane."""
+        out[:] = costs.angular_entropy(views, disparity, sigma)
+
     # --- cost volumes
 
     def minima(self, volume: Array) -> tuple[NDArray[np.int32], Float]:
