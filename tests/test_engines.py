@@ -24,6 +24,7 @@ import naive_labels
 import naive_photo
 import naive_pictures
 import naive_refine
+import naive_sides
 import naive_vis
 from lfdepth import engines, scenes
 from lfdepth.blocks.bilateral import bilateral_weights
@@ -686,6 +687,62 @@ def test_bilateral_means_agree_with_the_oracle(used: Engine, size: tuple[int, in
         for found, image in zip(used.download(out), volume, strict=True):
             expected = naive_labels.bilateral(image, guide, radius, colour, space, distance, window)
             np.testing.assert_allclose(found, expected, atol=2e-6)
+
+
+# Two sides of a line, and two groups of views
+
+
+@pytest.mark.parametrize("walk", [(0, 1), (1, 0), (1, -1)])
+@pytest.mark.parametrize(("bins", "channels"), [(64, 3), (3, 1)])
+def test_histograms_agree_with_the_oracle(
+    used: Engine, walk: tuple[int, int], bins: int, channels: int
+) -> None:
+    rng = np.random.default_rng([bins, channels])
+    pictures = rng.integers(0, bins, (3, channels, 5, 7)).astype(np.uint8)
+    pictures[:, :, 3:] = 1
+    corners = rng.integers(-6, 3, (3, 2))
+    weights, out = rng.normal(size=(3, 4, 5)).astype(np.float32), used.empty((5, 5, 7), np.float32)
+    used.histogram_distances(used.upload(pictures), bins, walk, corners, weights, out)
+    expected = naive_sides.histogram_distances(pictures, bins, np.array(walk), corners, weights)
+    np.testing.assert_allclose(used.download(out), expected, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("dtype", fields.DTYPES)
+@pytest.mark.parametrize("grid", GRIDS)
+def test_groups_of_views_agree_with_the_oracle(used: Engine, grid: tuple[int, int], dtype: str) -> None:
+    """Groups of no view and of one among them, and views that are absent."""
+    rng = np.random.default_rng([*grid, len(dtype)])
+    size, present = (11, 33), fields.random_present(rng, grid)
+    lf = fields.light_field(rng, grid, size, 3, dtype, "scene", present)
+    groups = (rng.random((2, present.size, *size)) > 0.4).astype(np.uint8)
+    groups[0, :, 0], groups[1, 1:, 1] = 0, 0
+    views = used.colour_views(lf, 1.2)
+    means, variances = used.empty((2, 3, *size), np.float32), used.empty((2, *size), np.float32)
+    used.view_groups(views, -0.77, used.upload(groups), means, variances)
+    white = 255 * naive_photo.UNIT
+    levels = np.zeros((present.size, *size, 3))
+    for (v, u), image in naive_costs.moved(lf.views, -0.77, present):
+        levels[(v + grid[0] // 2) * grid[1] + u + grid[1] // 2] = image / white
+    own = naive_photo.levels(lf.views)[lf.centre] / white
+    there = groups * present.reshape(-1, 1, 1)
+    expected = naive_sides.groups_shown(levels, there, own)
+    np.testing.assert_allclose(used.download(means), expected[0], atol=1e-6)
+    np.testing.assert_allclose(used.download(variances), expected[1], atol=1e-6)
+
+
+@pytest.mark.parametrize("clusters", [2, 3])
+def test_regions_of_patches_agree_with_the_oracle(used: Engine, clusters: int) -> None:
+    """Of three colours and a little noise; in 1/256, so that sums are exact."""
+    rng = np.random.default_rng(clusters)
+    base = rng.choice([0.1, 0.5, 0.9], (3, 4, 3)).repeat(3, 0).repeat(3, 1) + rng.normal(0, 0.02, (9, 12, 3))
+    picture = (np.rint(base * 256) / 256).astype(np.float32)
+    points = np.argwhere(rng.random((9, 12)) > 0.5)
+    for alike in (0.05, 0.7):
+        rule = {"radius": 2, "clusters": clusters, "alike": alike, "rounds": 10}
+        found = used.patch_regions(picture, points, **rule)  # type: ignore[arg-type]
+        for point, one in zip(points, found, strict=True):
+            expected = naive_sides.region(picture, tuple(point), 2, clusters, alike, 10)
+            np.testing.assert_array_equal(one, expected)
 
 
 # Pictures from many views

@@ -443,6 +443,73 @@ class Engine(Protocol):
         beyond the border (`blocks.bilateral`).
         """
 
+    # --- two sides of a line, and two groups of views
+
+    def histogram_distances(
+        self,
+        pictures: Array,
+        bins: int,
+        walk: tuple[int, int],
+        corners: NDArray[np.int64],
+        weights: Float,
+        out: Array,
+    ) -> None:
+        """Sums of squares over the bins of weighted histograms, for several labels at once.
+
+        `out[l, p] = Σ_c Σ_b (Σ_n Σ_s weights[n, s, l]·[pictures[n, c, p + corners[n] + s·walk] = b])²`.
+
+        Parameters
+        ----------
+        pictures
+            (N, C, H, W) uint8, below `bins`; beyond the border they repeat.
+        bins
+            Bins of each channel.
+        walk
+            Px down and right from a sample to the next.
+        corners
+            (N, 2) px down and right from a pixel to the first sample of each picture.
+        weights
+            (N, S, L).
+        out
+            (L, H, W) float32.
+        """
+
+    def view_groups(
+        self, views: ColourViews, disparity: float, groups: Array, means: Array, variances: Array
+    ) -> None:
+        """What two groups of views show of a plane: means, and variances of all channels together.
+
+        `groups` (2, V·U, H, W) uint8 is 1 where a view that votes belongs to a group. `means` (2, C, H, W)
+        float32 are less the reference view's levels, `variances` (2, H, W) float32 unbiased and summed over
+        channels, both in parts of full scale. LightFieldError where the plane lies beyond what the views
+        were prepared for.
+        """
+
+    def patch_regions(
+        self,
+        picture: Float,
+        points: NDArray[np.int64],
+        *,
+        radius: int,
+        clusters: int,
+        alike: float,
+        rounds: int,
+    ) -> Bool:
+        """What belongs with the middle of the patch around each point, (P, side, side); side = 2·radius + 1.
+
+        The colours of a patch, whose borders repeat, are put into `clusters` by k-means: the first centre is
+        the middle's colour, each next one the colour farthest from those before; centres move until nothing
+        changes or `rounds` are over. Clusters whose centres are nearer than `alike` are one. What hangs
+        together with the middle, over eight neighbours, is its region.
+
+        Parameters
+        ----------
+        picture
+            (H, W, C).
+        points
+            (P, 2) rows and columns.
+        """
+
     # --- pictures from many views
 
     def seen(self, disparity: Float, offset: tuple[float, float], *, plane: float = 0.0) -> Float:

@@ -10,6 +10,10 @@ DEFAULT = "fbs-vis"
 HOMES = {
     "oavc": "lfdepth.methods.oavc:Oavc",
     "cae": "lfdepth.methods.cae:Cae",
+    "spo": "lfdepth.methods.spo:Spo",
+    "spo-mo": "lfdepth.methods.spo_mo:SpoMo",
+    "lf-occ": "lfdepth.methods.lf_occ:LfOcc",
+    "omg": "lfdepth.methods.omg:Omg",
     "fbs": "lfdepth.methods.fbs:Fbs",
     "fbs-sfa": "lfdepth.methods.fbs_sfa:FbsSfa",
     "fbsocc-sfa": "lfdepth.methods.fbsocc_sfa:FbsoccSfa",

@@ -21,6 +21,8 @@ from lfdepth.engines.cpu.kernels import energy as energy_kernels
 from lfdepth.engines.cpu.kernels import entropy as entropy_kernels
 from lfdepth.engines.cpu.kernels import focusing as focusing_kernels
 from lfdepth.engines.cpu.kernels import gloss as gloss_kernels
+from lfdepth.engines.cpu.kernels import groups as group_kernels
+from lfdepth.engines.cpu.kernels import histograms as histogram_kernels
 from lfdepth.engines.cpu.kernels import labels as label_kernels
 from lfdepth.engines.cpu.kernels import matching as matching_kernels
 from lfdepth.engines.cpu.kernels import noise as noise_kernels
@@ -651,6 +653,45 @@ class CpuEngine:
         """Weighted sums, a row of all slices at once."""
         place = (volume, weights, around, out)
         self.workers.rows(volume.shape[1], label_kernels.local_mean_kernel, *place)
+
+    # --- two sides of a line, and two groups of views
+
+    def histogram_distances(
+        self,
+        pictures: Array,
+        bins: int,
+        walk: tuple[int, int],
+        corners: NDArray[np.int64],
+        weights: Float,
+        out: Array,
+    ) -> None:
+        """Histograms of all labels side by side."""
+        place = (pictures, bins, walk, corners, weights, out)
+        self.workers.rows(out.shape[1], histogram_kernels.histogram_kernel, *place)
+
+    def view_groups(
+        self, views: ColourStack, disparity: float, groups: Array, means: Array, variances: Array
+    ) -> None:
+        """Sums over the views of each row."""
+        place = (groups, *_colour_sampling(views, disparity), means, variances)
+        self.workers.rows(views.size[0], group_kernels.group_kernel, *place)
+
+    def patch_regions(
+        self,
+        picture: Float,
+        points: NDArray[np.int64],
+        *,
+        radius: int,
+        clusters: int,
+        alike: float,
+        rounds: int,
+    ) -> Bool:
+        """Point by point."""
+        side = 2 * radius + 1
+        found = np.empty((len(points), side * side), np.bool_)
+        rule = (radius, clusters, float(alike), rounds)
+        self.workers.rows(len(points), group_kernels.region_kernel, picture, points, *rule, found)
+        return found.reshape(-1, side, side)
 
     # --- pictures from many views
 

@@ -15,7 +15,18 @@ from numpy.typing import DTypeLike, NDArray
 
 from lfdepth.engines.base import Array, Bool, Box, Delta, Float, Gradient
 from lfdepth.engines.layout import SHARE_LEVELS, SURFACE_JUMP
-from lfdepth.engines.plain import costs, edges, energy, filters, labels, photo, pictures, refine, voting
+from lfdepth.engines.plain import (
+    costs,
+    edges,
+    energy,
+    filters,
+    labels,
+    photo,
+    pictures,
+    refine,
+    sides,
+    voting,
+)
 from lfdepth.engines.plain.edges import Views
 from lfdepth.engines.plain.filters import Prepared
 from lfdepth.engines.plain.photo import ColourLevels, Surfaces
@@ -428,6 +439,39 @@ class NumpyEngine:
     def local_means(self, volume: Array, weights: Float, around: NDArray[np.int64], out: Array) -> None:
         """Weighted sums."""
         out[:] = labels.local_means(volume, weights, around)
+
+    # --- two sides of a line, and two groups of views
+
+    def histogram_distances(
+        self,
+        pictures: Array,
+        bins: int,
+        walk: tuple[int, int],
+        corners: NDArray[np.int64],
+        weights: Float,
+        out: Array,
+    ) -> None:
+        """One bin after another."""
+        out[:] = sides.histogram_distances(pictures, bins, walk, corners, weights)
+
+    def view_groups(
+        self, views: ColourLevels, disparity: float, groups: Array, means: Array, variances: Array
+    ) -> None:
+        """Means and variances over the views of each group."""
+        means[:], variances[:] = sides.view_groups(views, disparity, groups)
+
+    def patch_regions(
+        self,
+        picture: Float,
+        points: NDArray[np.int64],
+        *,
+        radius: int,
+        clusters: int,
+        alike: float,
+        rounds: int,
+    ) -> Bool:
+        """All patches at once."""
+        return sides.patch_regions(picture, points, radius, clusters, alike, rounds)
 
     # --- pictures from many views
 
