@@ -52,3 +52,36 @@ def entropy(views: Array, disparity: float, sigma: float, present: Array) -> Arr
         filled = histogram[histogram > 0]
         out[place] = -(filled / filled.sum() * np.log(filled)).sum()
     return np.asarray(out.mean(axis=2))
+
+
+def focal_symmetry(
+    views: Array,
+    planes: Array,
+    stacks: Array,
+    pairs: list[tuple[int, int]],
+    reach: int,
+    sigma: float,
+    present: Array,
+) -> Array:
+    """(K, H, W) mean over distances of the least unlikeness of two stacks before and behind each plane."""
+    means: list[list[Array]] = [
+        [
+            np.mean([image / WHITE for _, image in moved(views, plane, present & stack)], axis=0)
+            for plane in planes
+        ]
+        for stack in stacks
+    ]
+    costs = []
+    for k in range(reach, len(planes) - reach):
+        unlike = [
+            np.min(
+                [
+                    1 - np.exp(-((means[i][k - d] - means[j][k + d]) ** 2).mean(axis=2) / (2 * sigma**2))
+                    for i, j in pairs
+                ],
+                axis=0,
+            )
+            for d in range(reach + 1)
+        ]
+        costs.append(np.mean(unlike, axis=0))
+    return np.array(costs)

@@ -45,7 +45,7 @@ class Cae(Method):
         Real(
             "Distance to the reference view's level over which levels count.",
             gt=0,
-            le=255,
+            le=20,
             unit="8-bit levels",
             symbol="σ",
         ),

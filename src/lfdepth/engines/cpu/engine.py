@@ -28,6 +28,7 @@ from lfdepth.engines.cpu.kernels import matching as matching_kernels
 from lfdepth.engines.cpu.kernels import noise as noise_kernels
 from lfdepth.engines.cpu.kernels import photo as photo_kernels
 from lfdepth.engines.cpu.kernels import refine as refine_kernels
+from lfdepth.engines.cpu.kernels import stacks as stack_kernels
 from lfdepth.engines.cpu.kernels import surface as surface_kernels
 from lfdepth.engines.cpu.kernels import visibility as visibility_kernels
 from lfdepth.engines.cpu.kernels import voting as voting_kernels
@@ -35,6 +36,7 @@ from lfdepth.engines.cpu.kernels import windows as windows_kernels
 from lfdepth.engines.cpu.layout import ColourStack, GreyStack, NearestSurfaces, SplineViews, ViewsAsTheyAre
 from lfdepth.engines.cpu.workers import Workers
 from lfdepth.engines.layout import (
+    COLOUR_WHITE,
     DISPARITY_LIMIT,
     DISPARITY_PARTS,
     ENERGY_SCALE,
@@ -616,8 +618,35 @@ class CpuEngine:
 
     def angular_entropy(self, views: ColourStack, disparity: float, sigma: float, out: Array) -> None:
         """Entropy of one plane."""
-        place = (out, *_bins(sigma, np.count_nonzero(views.present)), *_colour_sampling(views, disparity))
+        place = (out, *_bins(sigma, int(views.present.sum())), *_colour_sampling(views, disparity))
         self.workers.rows(views.size[0], entropy_kernels.entropy_kernel, *place)
+
+    def focal_symmetry(
+        self,
+        views: ColourStack,
+        planes: NDArray[np.float64],
+        stacks: Bool,
+        pairs: NDArray[np.int64],
+        reach: int,
+        sigma: float,
+        out: Array,
+        *,
+        rows: tuple[int, int],
+    ) -> None:
+        """Differences of focal stacks, a few pixels of a row at all planes at a time."""
+        moved = [views.shifts(float(plane)) for plane in planes]
+        used = np.argwhere(stacks.any(axis=0) & views.present)
+        v, u = used.T
+        down, across = (
+            np.array([getattr(plane, way)[v, u] for plane in moved]) for way in ("down", "across")
+        )
+        weights = np.array([plane.weights[v, u] for plane in moved], np.int16)
+        member = np.ascontiguousarray(stacks[:, v, u])
+        shape = (*views.grid, views.size[0], views.channels, views.row_length, views.margin, 0)
+        source = (views.data, shape, v * views.grid[1] + u, down, across, weights)
+        scale = np.float32(1 / (2 * np.log(2) * views.channels * (sigma * COLOUR_WHITE) ** 2))
+        place = (out, *source, member, pairs, reach, scale)
+        self.workers.rows(rows[1], stack_kernels.symmetry_kernel, *place, first=rows[0])
 
     # --- cost volumes
 

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.engines.base import Array
+from lfdepth.engines.base import Array, Bool
 from lfdepth.engines.layout import COLOUR_UNIT, COLOUR_WHITE, check_within, shifts
 from lfdepth.engines.plain.photo import ColourLevels
 from lfdepth.engines.plain.sampling import shifted
@@ -47,6 +48,32 @@ def angular_entropy(views: ColourLevels, disparity: float, sigma: float) -> Exac
         entropy -= share * np.log(np.where(share > 0, share, 1))
         inside += share
     return np.asarray((entropy / inside).mean(axis=2))
+
+
+def focal_symmetry(
+    views: ColourLevels,
+    planes: NDArray[np.float64],
+    stacks: Bool,
+    pairs: NDArray[np.int64],
+    reach: int,
+    sigma: float,
+    rows: slice,
+) -> Exact:
+    """Costs (K, rows, W) of planes by how unlike pairs of focal stacks are before and behind them."""
+    focused = np.array([[_focus(views, plane, stack)[rows] for plane in planes] for stack in stacks])
+    count = len(planes) - 2 * reach
+    total = np.zeros((count, *focused.shape[2:4]))
+    for d in range(reach + 1):
+        before, behind = slice(reach - d, reach - d + count), slice(reach + d, reach + d + count)
+        squares = [((focused[i, before] - focused[j, behind]) ** 2).mean(axis=3) for i, j in pairs.tolist()]
+        total += 1 - np.exp(-np.min(squares, axis=0) / (2 * sigma**2))
+    return np.asarray(total / (reach + 1))
+
+
+def _focus(views: ColourLevels, plane: float, stack: Bool) -> Exact:
+    """Mean of some views (H, W, C) at a plane, in parts of full scale."""
+    some = replace(views, present=views.present & stack)
+    return np.asarray(np.mean(list(moved_views(some, float(plane))), axis=0) / COLOUR_WHITE)
 
 
 def _whole(levels: NDArray[Any]) -> NDArray[np.int64]:

@@ -426,6 +426,22 @@ class NumpyEngine:
         """Entropy of one plane."""
         out[:] = costs.angular_entropy(views, disparity, sigma)
 
+    def focal_symmetry(
+        self,
+        views: ColourLevels,
+        planes: NDArray[np.float64],
+        stacks: Bool,
+        pairs: NDArray[np.int64],
+        reach: int,
+        sigma: float,
+        out: Array,
+        *,
+        rows: tuple[int, int],
+    ) -> None:
+        """Differences of focal stacks; the stacks of all rows are made, and some rows of them used."""
+        part = slice(*rows)
+        out[:, part] = costs.focal_symmetry(views, planes, stacks, pairs, reach, sigma, part)
+
     # --- cost volumes
 
     def minima(self, volume: Array) -> tuple[NDArray[np.int32], Float]:
