@@ -18,11 +18,14 @@ from lfdepth.methods.parameters import Real, Whole
 _STEPS = 225
 """Steps in which costs and colour distances are counted."""
 
-_DATA = 5.0
+_DATA = np.float32(5)
 """Weight of a step of the cost."""
 
 _NEAR = 0.005
 """Weight between neighbours for each step that their colours are closer than the two farthest."""
+
+_LITTLE = np.float32(1e-6)
+"""A range of costs or colours is at least so wide."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,13 +93,13 @@ class Cae(Method):
         trace.take("costs", lambda: engine.download(volume))
         guide = guide_image(lf, "colour")
         with trace.block("smoothing"):
-            low, high = (float(each) for each in _extremes(volume, engine))
+            low, high = _extremes(volume, engine)
             smoothing = GuidedFilter(guide, self.radius, self.epsilon / 255**2, engine=engine)
             scaled = engine.empty(problem.size, np.float32)
         for index in range(len(planes)):
             with trace.block("smoothing"):
                 found = engine.download(volume[index])
-                scaled = engine.upload((found - np.float32(low)) / np.float32(max(high - low, 1e-6)))
+                scaled = engine.upload((found - low) / max(high - low, _LITTLE))
                 smoothing.smooth(scaled, volume[index])
             trace.step("smoothing")
         if self.regulariser == "paths":
@@ -109,13 +112,16 @@ class Cae(Method):
 
     def _paths(self, volume: Array, guide: NDArray[np.float32], engine: Engine) -> Array:
         """Energies summed over scanline paths."""
-        counted = engine.upload(np.float32(_DATA) * np.rint(engine.download(volume) * np.float32(_STEPS)))
+        low, high = _extremes(volume, engine)
+        counted = engine.empty(volume.shape, np.float32)
+        for index in range(len(volume)):
+            counted[index] = engine.upload(_DATA * _steps(engine.download(volume[index]) - low, high - low))
 
         def apart(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
             return np.asarray(np.sqrt(((a - b) ** 2).sum(axis=2)))
 
-        distance = neighbour_weights(guide, apart)
-        steps = np.rint(distance * np.float32(_STEPS / max(float(distance.max()), 1e-6)))
+        distances = neighbour_weights(guide, apart)
+        steps = np.stack([_steps(each, each.max()) for each in distances])
         weights = np.float32(_NEAR) * (np.float32(_STEPS) - steps)
         engine.line_paths(counted, weights, truncated_linear(self.smoothness, self.cut))
         return counted
@@ -125,3 +131,8 @@ def _extremes(volume: Array, engine: Engine) -> tuple[np.float32, np.float32]:
     """Least and largest cost of all."""
     slices = [engine.download(volume[index]) for index in range(len(volume))]
     return np.float32(min(each.min() for each in slices)), np.float32(max(each.max() for each in slices))
+
+
+def _steps(values: NDArray[np.float32], largest: np.float32) -> NDArray[np.float32]:
+    """Values from 0 to the largest, in whole steps of it."""
+    return np.asarray(np.rint(values * (np.float32(_STEPS) / max(largest, _LITTLE))), np.float32)

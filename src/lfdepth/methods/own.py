@@ -9,6 +9,7 @@ DEFAULT = "fbs-vis"
 
 HOMES = {
     "oavc": "lfdepth.methods.oavc:Oavc",
+    "ofsy": "lfdepth.methods.ofsy:Ofsy",
     "cae": "lfdepth.methods.cae:Cae",
     "spo": "lfdepth.methods.spo:Spo",
     "spo-mo": "lfdepth.methods.spo_mo:SpoMo",
