@@ -21,7 +21,7 @@ from lfdepth.methods.parameters import Real, Switch, Word
 _BAND = 32
 """Rows between two reports of progress."""
 
-_SLOPE, _JUMP, _SHARPNESS = 0.1, 1.0, 20.0
+_SLOPE, _JUMP, _SHARPNESS = 0.01, 0.1, 20.0
 """Penalties of paths, in mean costs, and how fast they fall with the change of colour."""
 
 _TRUST = 0.1

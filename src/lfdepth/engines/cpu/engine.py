@@ -644,7 +644,7 @@ class CpuEngine:
         member = np.ascontiguousarray(stacks[:, v, u])
         shape = (*views.grid, views.size[0], views.channels, views.row_length, views.margin, 0)
         source = (views.data, shape, v * views.grid[1] + u, down, across, weights)
-        scale = np.float32(1 / (2 * np.log(2) * views.channels * (sigma * COLOUR_WHITE) ** 2))
+        scale = np.float32(1 / (64 * 2 * views.channels * (sigma * COLOUR_WHITE) ** 2))
         place = (out, *source, member, pairs, reach, scale)
         self.workers.rows(rows[1], stack_kernels.symmetry_kernel, *place, first=rows[0])
 

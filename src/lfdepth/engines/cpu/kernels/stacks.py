@@ -1,6 +1,7 @@
 """Row kernel of the symmetry of focal stacks.
 
-A few pixels of a row are refocused at all planes, which fits the second-level cache, and compared at once.
+A part of a row is refocused at all planes and compared at once; the planes around one fit the second-level
+cache.
 """
 
 from __future__ import annotations
@@ -11,8 +12,7 @@ import numpy as np
 from lfdepth.engines.cpu.compilation import INNER, KERNEL
 from lfdepth.engines.cpu.kernels.photo import interpolate
 
-_BLOCK = 64  # pixels of a row worked at once
-_FARTHEST = np.float32(24)  # powers of 1/2 beyond which nothing is left
+_BLOCK = 128  # pixels of a row worked at once
 
 
 @nb.njit(**INNER)
@@ -23,39 +23,41 @@ def _add_levels(total, levels):
 
 @nb.njit(**INNER)
 def _take_mean(stack, total, share):
-    """Mean over views, rounded to a level's parts; clears the total."""
+    """Mean over views; clears the total."""
     for i in range(stack.size):
-        stack[i] = np.int16(np.float32(total[i]) * share + np.float32(0.5))
+        stack[i] = np.float32(total[i]) * share
         total[i] = 0
 
 
 @nb.njit(**INNER)
-def _square(least, squares, before, behind):
-    """Squared distances of colours, and the least of them so far."""
-    size = np.uintp(squares.size)
-    for c in range(before.size // squares.size):
-        start = np.uintp(c) * size
+def _least_square(least, before, behind):
+    """The least of the squared distances of colours so far."""
+    size = np.uintp(least.size)
+    if before.size == size:
         for x in range(size):
-            change = np.float32(np.int32(before[start + x]) - np.int32(behind[start + x]))
-            squares[x] = change * change + (squares[x] if c > 0 else np.float32(0))
-    for x in range(size):
-        least[x] = min(least[x], squares[x])
+            change = before[x] - behind[x]
+            least[x] = min(least[x], change * change)
+    else:
+        for x in range(size):
+            red = before[x] - behind[x]
+            green = before[size + x] - behind[size + x]
+            blue = before[size + size + x] - behind[size + size + x]
+            least[x] = min(least[x], red * red + green * green + blue * blue)
 
 
 @nb.njit(**INNER)
 def _add_unlikeness(total, squares, scale):
-    """Add 1 − 2^−(scale·squares): a shift by whole powers, and a series for the rest."""
+    """Add 1 − exp(−64·scale·squares): a series for a 64th of the power, squared six times."""
     for x in range(total.size):
-        power = min(squares[x] * scale, _FARTHEST)
-        whole = np.int32(power + np.float32(0.5))
-        f = power - np.float32(whole)
-        series = np.float32(1.5403530e-4) * f - np.float32(1.3333558e-3)
-        series = series * f + np.float32(9.6181291e-3)
-        series = series * f - np.float32(5.5504109e-2)
-        series = series * f + np.float32(2.4022651e-1)
-        series = series * f - np.float32(6.9314718e-1)
-        series = series * f + np.float32(1)
-        total[x] += np.float32(1) - series / np.float32(np.int32(1) << whole)
+        part = min(squares[x] * scale, np.float32(1))
+        like = np.float32(1) - part + np.float32(0.5) * part * part
+        like = like * like
+        like = like * like
+        like = like * like
+        like = like * like
+        like = like * like
+        like = like * like
+        total[x] += np.float32(1) - like
 
 
 @nb.njit(**INNER)
@@ -88,17 +90,19 @@ def symmetry_kernel(first, last, out, data, shape, index, down, across, weights,
 
     `index` (M,) are views, row by row of the grid; `down`, `across` (P, M) and `weights` (P, M, 4) how each
     plane samples them; `member` (N, M) the stacks that they belong to. `scale` turns summed squares into
-    powers of 1/2. `shape` is (V, U, H, C, row length, margin, -).
+    a 64th of the power of 1/e. `shape` is (V, U, H, C, row length, margin, -).
     """
     channels, width = shape[3], out.shape[2]
-    size = channels * _BLOCK
-    focused = np.empty((len(member), len(down), size), np.int16)
+    inner = shape[4] - 2 * shape[5]  # of a row, beyond which nothing may be read
+    block = min(_BLOCK, inner)
+    size = channels * block
+    focused = np.empty((len(member), len(down), size), np.float32)
     total, levels = np.zeros((len(member), size), np.int32), np.empty(size, np.int16)
-    least, squares = np.empty(_BLOCK, np.float32), np.empty(_BLOCK, np.float32)
-    cost = np.empty(_BLOCK, np.float32)
+    least, cost = np.empty(block, np.float32), np.empty(block, np.float32)
     share = np.float32(1 / (reach + 1))
     for y in range(first, last):
-        for begin in range(0, width, _BLOCK):
+        for place in range(0, width, block):
+            begin = min(place, inner - block)
             _focus(focused, total, levels, data, shape, y, begin, index, down, across, weights, member)
             for k in range(len(out)):
                 cost[:] = 0
@@ -106,7 +110,7 @@ def symmetry_kernel(first, last, out, data, shape, index, down, across, weights,
                     least[:] = np.inf
                     for n in range(len(pairs)):
                         before = focused[pairs[n, 0], k + reach - d]
-                        _square(least, squares, before, focused[pairs[n, 1], k + reach + d])
+                        _least_square(least, before, focused[pairs[n, 1], k + reach + d])
                     _add_unlikeness(cost, least, scale)
-                for x in range(min(_BLOCK, width - begin)):
+                for x in range(min(block, width - begin)):
                     out[k, y, begin + x] = cost[x] * share
