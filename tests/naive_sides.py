@@ -80,7 +80,7 @@ def groups_shown(levels: Array, groups: Array, reference: Array) -> tuple[Array,
         members = [levels[n, y, x] for n in range(len(levels)) if groups[g, n, y, x]]
         if not members:
             continue
-        mean = sum(members) / len(members)
+        mean = np.mean(members, axis=0)
         means[g, :, y, x] = mean - reference[y, x]
         if len(members) > 1:
             variances[g, y, x] = sum(float(((m - mean) ** 2).sum()) for m in members) / (len(members) - 1)
@@ -114,7 +114,7 @@ def region(picture: Array, point: tuple[int, int], radius: int, k: int, alike: f
         for n in range(k):
             members = [colour for colour, own in zip(colours, cluster, strict=True) if own == n]
             if members:
-                centres[n] = sum(members) / len(members)
+                centres[n] = np.mean(members, axis=0)
     own = {cluster[middle]}
     for _ in range(k):
         own |= {n for n in range(k) if any(apart(centres[n], centres[m]) < alike**2 for m in own)}
@@ -141,7 +141,7 @@ def mrf_energy(labels: Array, first: Array, width: Array, weights: Array, count:
     energy = 0.0
     height, columns = labels.shape
 
-    def pair(a: int, b: int) -> float:
+    def pair(a: Any, b: Any) -> float:
         return min(0.3, 1 - math.exp(-((a - b) ** 2) / (2 * (0.05 * count) ** 2)))
 
     for y, x in np.ndindex(height, columns):

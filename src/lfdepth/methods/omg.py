@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
@@ -39,7 +40,7 @@ class Omg(Method):
 
     planes: labels.Labels = 100
     edge_radius: EdgeRadius = 4
-    clusters: Annotated[int, Whole("Clusters of the colours around a pixel.", ge=2, le=10, symbol="k")] = 3
+    clusters: Annotated[int, Whole("Clusters of the colours around a pixel.", ge=2, le=10, symbol="k")] = 5
     alike: Annotated[
         float,
         Real("Clusters nearer than this are one.", ge=0, le=2, unit="full scale"),
@@ -47,12 +48,17 @@ class Omg(Method):
     scale: Annotated[
         float,
         Real(
-            "Jump of disparity for which views are chosen: so many px around a pixel stand for a view step.",
+            "Largest jump of disparity for which views are chosen rightly: so many px around a pixel stand for "
+            "a view step.",
             gt=0,
             le=10,
             unit="px per view step",
         ),
-    ] = 1.0
+    ] = 2.0
+    doubt: Annotated[
+        float,
+        Real("How much less the chosen views have to cost than all views.", ge=0, le=1, unit="full scale"),
+    ] = 0.02
     occluded: Annotated[
         float,
         Real("Variance of all views over that of the chosen ones above which a pixel is occluded.", gt=1),
@@ -68,12 +74,12 @@ class Omg(Method):
 
     def memory(self, shape: Shape, planes: NDArray[np.float64], sample_bytes: int) -> int:
         """Views in colour, two groups of them, the patches, and a volume, or three."""
-        patches = shape[2] * shape[3] * (max(shape[:2]) + 1) ** 2
+        patches = shape[2] * shape[3] * int(self.scale * max(shape[:2]) + 2) ** 2
         return patches + group_bytes(shape, planes, sample_bytes, paths=self.regulariser == "paths")
 
     def halo(self) -> int:
-        """The filter's window, the patch, and edges; paths carry farther."""
-        return self.window + self.edge_radius + 12
+        """The filter's window, the patch of a grid of 9×9 views, and edges; paths carry farther."""
+        return self.window + self.edge_radius + 8 + math.ceil(4 * self.scale)
 
     def run(self, problem: Problem, work: Work) -> Maps:
         """Choose views near edges, find the cheapest labels, look for occlusions, regularise."""
@@ -94,7 +100,7 @@ class Omg(Method):
             lf,
             planes,
             groups,
-            occluders.choose_first,
+            occluders.choose_first(self.doubt),
             window=self.window,
             sigma_colour=self.sigma_colour,
             subplane=self.subplane,

@@ -99,17 +99,16 @@ def _distance(colours, n, centres, k):
 
 
 @nb.njit(**INNER)
-def _seed(colours, centres, middle):
+def _seed(colours, centres, middle, nearest):
     """Centres: the middle's colour, and one after another the colour farthest from those so far."""
     centres[0] = colours[middle]
+    nearest[:] = np.inf
     for k in range(1, len(centres)):
         farthest, at = -1.0, 0
         for n in range(len(colours)):
-            nearest = _distance(colours, n, centres, 0)
-            for other in range(1, k):
-                nearest = min(nearest, _distance(colours, n, centres, other))
-            if nearest > farthest:
-                farthest, at = nearest, n
+            nearest[n] = min(nearest[n], _distance(colours, n, centres, k - 1))
+            if nearest[n] > farthest:
+                farthest, at = nearest[n], n
         centres[k] = colours[at]
 
 
@@ -179,13 +178,14 @@ def region_kernel(first, last, picture, points, radius, clusters, alike, rounds,
     middle = side * radius + radius
     colours, centres = np.empty((side * side, channels)), np.empty((clusters, channels))
     cluster, allowed = np.empty(side * side, np.int64), np.empty(side * side, np.bool_)
+    nearest = np.empty(side * side)
     for p in range(first, last):
         for n in range(side * side):
             y = min(max(points[p, 0] + n // side - radius, 0), height - 1)
             x = min(max(points[p, 1] + n % side - radius, 0), width - 1)
             for c in range(channels):
                 colours[n, c] = picture[y, x, c]
-        _seed(colours, centres, middle)
+        _seed(colours, centres, middle, nearest)
         cluster[:] = -1
         for _ in range(rounds):
             if not _assign(colours, centres, cluster):
