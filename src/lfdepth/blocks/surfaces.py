@@ -47,6 +47,7 @@ def smooth_surface(
     """
     wanted, trust = np.asarray(target, np.float32), np.asarray(strength, np.float32)
     limit = np.float32(first) * np.asarray(edges, np.float32)
+    limit[0, :, -1] = limit[1, -1] = 0  # there is no next pixel
     z, w = wanted.copy(), np.zeros((2, *wanted.shape), np.float32)
     ahead_z, ahead_w = z.copy(), w.copy()
     p, q = np.zeros_like(w), np.zeros((3, *wanted.shape), np.float32)
