@@ -1,7 +1,8 @@
 """Accuracy of every method on the procedural scenes, and on scenes of the benchmark where there are any.
 
-    python benchmarks/accuracy.py [--data FOLDER] [--scenes demo bars ...] [--size 320] [--json accuracy.json]
+    python benchmarks/accuracy.py [--data FOLDER] [--scenes demo bars ...] [--size 320] [--methods NAMES]
 
+NAMES of methods, or all; by default lfdepth's own without those that they are compared with.
 FOLDER holds scenes of the 4D Light Field Benchmark, one folder each, with low-resolution truth. The published
 rows beside them are those of `lfdepth.bench.published`; those marked ^high were taken on high-resolution
 truth, and compare only roughly.
@@ -17,7 +18,7 @@ from pathlib import Path
 import lfdepth
 from lfdepth import LightField, scenes
 from lfdepth.bench.published import published_rows
-from lfdepth.methods import NAMES
+from lfdepth.methods import FAMILY, NAMES
 from reporting import Cell, machine_line, markdown, write_json
 
 METRICS = {
@@ -89,9 +90,11 @@ def main() -> None:
     parser.add_argument("--data", type=Path, help="folder with scenes of the benchmark")
     parser.add_argument("--scenes", nargs="*", default=list(scenes.NAMES), choices=scenes.NAMES)
     parser.add_argument("--size", type=int, default=320, help="of the procedural scenes")
-    parser.add_argument("--methods", nargs="+", default=list(NAMES))
+    parser.add_argument("--methods", nargs="+", default=list(FAMILY), choices=[*NAMES, "all"])
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
+    if "all" in chosen.methods:
+        chosen.methods = list(NAMES)
     header = ["", *METRICS.values()]
     found: dict[str, dict[str, Scores]] = {}
     print(f"BadPix and AUSE in %, Q25 in px/100. {machine_line()}.")

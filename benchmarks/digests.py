@@ -20,7 +20,7 @@ import numpy as np
 
 import lfdepth
 from lfdepth import LightField, scenes
-from lfdepth.methods import NAMES
+from lfdepth.methods import FAMILY
 from reporting import markdown, write_json
 
 
@@ -48,7 +48,7 @@ def main() -> int:
     parser.add_argument("--data", type=Path)
     parser.add_argument("--size", type=int, default=160)
     parser.add_argument("--scenes", nargs="+")
-    parser.add_argument("--methods", nargs="+", default=list(NAMES))
+    parser.add_argument("--methods", nargs="+", default=list(FAMILY))
     parser.add_argument("--json", type=Path)
     parser.add_argument("--against", type=Path, help="digests of another version; status 1 if one differs")
     chosen = parser.parse_args()

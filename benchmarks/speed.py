@@ -21,7 +21,7 @@ import numpy as np
 import lfdepth
 from lfdepth import LightField, scenes
 from lfdepth.engines.cpu.workers import default_threads
-from lfdepth.methods import names
+from lfdepth.methods import FAMILY
 from lfdepth.trace import Lap, Trace
 from reporting import Cell, machine_line, markdown, write_json
 
@@ -144,7 +144,7 @@ def main() -> None:
     parser.add_argument("--views", type=int, default=9)
     parser.add_argument("--planes", type=int, default=40)
     parser.add_argument("--threads", type=int, nargs="+", default=sorted({1, default_threads()}))
-    parser.add_argument("--methods", nargs="+", default=list(names()))
+    parser.add_argument("--methods", nargs="+", default=list(FAMILY))
     parser.add_argument("--no-oracle", action="store_true", help="leave the plain-NumPy plane out")
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()

@@ -9,7 +9,7 @@ import fields
 from lfdepth import scenes
 from lfdepth.estimation import estimate
 from lfdepth.lightfield import LightField
-from lfdepth.methods import NAMES
+from lfdepth.methods import FAMILY
 
 
 class Errors(NamedTuple):
@@ -25,7 +25,7 @@ Found = tuple[str, dict[str, Errors]]
 @pytest.fixture(scope="module", params=["demo", "bars"])
 def found(request: pytest.FixtureRequest) -> Found:
     lf = scenes.render(request.param, size=128, views=9, seed=0)
-    return request.param, {name: errors(lf, name) for name in NAMES}
+    return request.param, {name: errors(lf, name) for name in FAMILY}
 
 
 def errors(lf: LightField, name: str) -> Errors:
@@ -48,7 +48,7 @@ def test_open_surfaces_are_found_to_a_fraction_of_the_step(found: Found, name: s
     assert badpix(error) < 4, scene
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", FAMILY)
 def test_errors_near_occluders_stay_within_bounds(found: Found, name: str) -> None:
     """The scene "bars" is all edges: 95 % of its pixels lie near one."""
     scene, by_method = found

@@ -58,7 +58,7 @@ def test_helpers_leave_kernels_in_the_cache(tmp_path: Path) -> None:
         assert (done.returncode, done.stdout.split()[1:]) == (0, ["0"]), done.stderr
 
 
-@pytest.mark.parametrize("name", methods.NAMES)
+@pytest.mark.parametrize("name", methods.FAMILY)
 def test_a_rehearsal_runs_no_kernel_and_names_each_once(name: str) -> None:
     with Rehearsal() as engine:
         rehearse(methods.method(name), engine, "uint16")

@@ -18,7 +18,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Demo:
     return run_demo(tmp_path_factory.mktemp("demo") / "made" / "here")
 
 
-@pytest.mark.parametrize("name", methods.NAMES)
+@pytest.mark.parametrize("name", methods.FAMILY)
 def test_every_method_is_near_the_truth(demo: Demo, name: str) -> None:
     assert demo.scores[name]["badpix_0.07"] < 12
     assert demo.scores[name]["mse_x100"] < 1.6
@@ -51,7 +51,7 @@ def test_picture_shows_the_reference_view(demo: Demo) -> None:
 def test_demo_speaks_of_what_it_does(tmp_path: Path) -> None:
     words: list[str] = []
     run_demo(tmp_path, size=64, announce=words.append)
-    assert words == ["rendering the scene", *(f"estimating with {name}" for name in methods.NAMES)]
+    assert words == ["rendering the scene", *(f"estimating with {name}" for name in methods.FAMILY)]
 
 
 def test_interrupted_demo_leaves_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

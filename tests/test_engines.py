@@ -18,12 +18,16 @@ import pytest
 
 import fields
 import naive
+import naive_costs
 import naive_gloss
+import naive_labels
 import naive_photo
 import naive_pictures
 import naive_refine
+import naive_sides
 import naive_vis
 from lfdepth import engines, scenes
+from lfdepth.blocks.bilateral import bilateral_weights
 from lfdepth.blocks.edges import DepthEdges, EdgeRule
 from lfdepth.blocks.median import weighted_median
 from lfdepth.blocks.refine import RefineRule, gather_evidence, refine_disparity
@@ -596,6 +600,169 @@ def test_medians_agree_with_the_oracle(used: Engine, radius: int, weighed: bool)
         )
         assert ((found >= low) & (found <= high)).all()
         assert np.mean(low == high) > 0.97
+
+
+# Costs of planes
+
+
+@pytest.mark.parametrize("dtype", fields.DTYPES)
+@pytest.mark.parametrize("grid", GRIDS)
+def test_truncated_differences_agree_with_the_oracle(used: Engine, grid: tuple[int, int], dtype: str) -> None:
+    """Of the views, and of the reference view moved in their stead."""
+    rng = np.random.default_rng([*grid, len(dtype)])
+    for channels, size in ((1, (9, 33)), (3, (34, 12))):
+        lf = fields.light_field(rng, grid, size, channels, dtype, "scene", fields.random_present(rng, grid))
+        limits = rng.uniform(0.005, 0.5, size).astype(np.float32)
+        limits[0, 0] = 2
+        views, out = used.colour_views(lf, 1.2), used.empty(size, np.float32)
+        for plane in (-0.9, 0.33, 1.2):
+            for itself in (False, True):
+                used.differences(views, plane, used.upload(limits), out, beyond=0.75, itself=itself)
+                expected = naive_costs.differences(lf.views, plane, limits, 0.75, lf.available, itself)
+                np.testing.assert_allclose(used.download(out), expected, rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize("dtype", fields.DTYPES)
+@pytest.mark.parametrize("sigma", [0.7, 10.0, 20.0])
+def test_entropies_agree_with_the_oracle(used: Engine, dtype: str, sigma: float) -> None:
+    rng = np.random.default_rng([int(sigma), len(dtype)])
+    for channels, kind in ((3, "scene"), (1, "noise")):
+        lf = fields.light_field(
+            rng, (5, 4), (7, 33), channels, dtype, kind, fields.random_present(rng, (5, 4))
+        )
+        views, out = used.colour_views(lf, 1.2), used.empty((7, 33), np.float32)
+        for plane in (-0.9, 1.2):
+            used.angular_entropy(views, plane, sigma, out)
+            expected = naive_costs.entropy(lf.views, plane, sigma, lf.available)
+            np.testing.assert_allclose(used.download(out), expected, atol=1e-4)
+
+
+@pytest.mark.parametrize("dtype", fields.DTYPES)
+@pytest.mark.parametrize("channels", [1, 3])
+def test_focal_stacks_agree_with_the_oracle(used: Engine, dtype: str, channels: int) -> None:
+    """Levels of stacks may be rounded to 1/128 of an 8-bit level; rows of a band are written, no others."""
+    rng = np.random.default_rng([channels, len(dtype)])
+    present = np.ones((5, 5), np.bool_)
+    present[2, 0] = present[3, 2] = False
+    lf = fields.light_field(rng, (5, 5), (9, 70), channels, dtype, "scene", present)
+    v, u = np.mgrid[-2:3, -2:3]
+    stacks = np.array([(v == 0) & (u < 0), (v == 0) & (u > 0), (u == 0) & (v < 0), (u == 0) & (v > 0)])
+    planes, views = np.linspace(1.2, -0.6, 9), used.colour_views(lf, 1.2)
+    for pairs in ([(0, 1), (2, 3)], [(3, 3)]):
+        out = used.upload(np.full((5, 9, 70), -1, np.float32))
+        place = (views, planes, stacks, np.array(pairs), 2, 0.05, out)
+        used.focal_symmetry(*place, rows=(1, 8))
+        expected = naive_costs.focal_symmetry(lf.views, planes, stacks, pairs, 2, 0.05, present)
+        expected[:, [0, 8]] = -1
+        np.testing.assert_allclose(used.download(out), expected, atol=1e-3)
+
+
+# Cost volumes
+
+
+@pytest.mark.parametrize("labels", [2, 3, 17])
+def test_least_costs_agree_with_the_oracle(used: Engine, labels: int) -> None:
+    """In quarters, so that costs tie and stretches of labels are level."""
+    volume = (np.random.default_rng(labels).integers(-4, 5, (labels, 6, 35)) / 4).astype(np.float32)
+    volume[:, 0, 0] = 0.5
+    index, beside = used.minima(used.upload(volume))
+    for y, x in np.ndindex(6, 35):
+        costs = volume[:, y, x].tolist()
+        least = costs.index(min(costs))
+        around = costs[least], costs[max(least - 1, 0)], costs[min(least + 1, labels - 1)]
+        assert index[y, x] == least
+        assert beside[:, y, x].tolist() == [*around, naive_labels.runner_up(costs)]
+
+
+@pytest.mark.parametrize("size", [(5, 9), (7, 4), (1, 6), (6, 1)])
+@pytest.mark.parametrize("table", [[0.0], [0, 0.25], [0, 0.5, 0.75], [0, 0.125, 0.25, 0.5, 0.5, 2]])
+@pytest.mark.parametrize("sides", [4, 8])
+def test_paths_of_any_penalty_agree_with_the_oracle(
+    used: Engine, size: tuple[int, int], table: list[float], sides: int
+) -> None:
+    """In parts of two, so that sums are exact and none may differ; few labels for a long table among them."""
+    for labels in (2, 4, 11):
+        rng = np.random.default_rng([*size, labels, sides])
+        host = (rng.integers(0, 16, (labels, *size)) / 4).astype(np.float32)
+        weights = rng.choice([0, 0.5, 1, 2], (sides // 2, *size)).astype(np.float32)
+        penalties = np.array(table, np.float32)
+        volume = used.upload(host.copy())
+        used.line_paths(volume, weights, penalties)
+        expected = naive_labels.path_sums(host, weights, penalties)
+        np.testing.assert_array_equal(used.download(volume), expected)
+
+
+@pytest.mark.parametrize("radius", [1, 3])
+@pytest.mark.parametrize("size", [(9, 12), (2, 7), (8, 1)])
+def test_bilateral_means_agree_with_the_oracle(used: Engine, size: tuple[int, int], radius: int) -> None:
+    rng = np.random.default_rng([*size, radius])
+    guide, volume = rng.random((*size, 3)).astype(np.float32), rng.random((2, *size)).astype(np.float32)
+    rules: list[Any] = [(0.1, 3.0, "euclidean", "square"), (0.5, None, "sum", "disc")]
+    for colour, space, distance, window in rules:
+        weights = bilateral_weights(
+            guide, radius, sigma_colour=colour, sigma_space=space, colours=distance, window=window
+        )
+        out = used.empty(volume.shape, np.float32)
+        used.local_means(used.upload(volume), *weights, out)
+        for found, image in zip(used.download(out), volume, strict=True):
+            expected = naive_labels.bilateral(image, guide, radius, colour, space, distance, window)
+            np.testing.assert_allclose(found, expected, atol=2e-6)
+
+
+# Two sides of a line, and two groups of views
+
+
+@pytest.mark.parametrize("walk", [(0, 1), (1, 0), (1, -1)])
+@pytest.mark.parametrize(("bins", "channels"), [(64, 3), (3, 1)])
+def test_histograms_agree_with_the_oracle(
+    used: Engine, walk: tuple[int, int], bins: int, channels: int
+) -> None:
+    rng = np.random.default_rng([bins, channels])
+    pictures = rng.integers(0, bins, (3, channels, 5, 7)).astype(np.uint8)
+    pictures[:, :, 3:] = 1
+    corners = rng.integers(-6, 3, (3, 2))
+    weights, out = rng.normal(size=(3, 4, 5)).astype(np.float32), used.empty((5, 5, 7), np.float32)
+    used.histogram_distances(used.upload(pictures), bins, walk, corners, weights, out)
+    expected = naive_sides.histogram_distances(pictures, bins, np.array(walk), corners, weights)
+    np.testing.assert_allclose(used.download(out), expected, rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("dtype", fields.DTYPES)
+@pytest.mark.parametrize("grid", GRIDS)
+def test_groups_of_views_agree_with_the_oracle(used: Engine, grid: tuple[int, int], dtype: str) -> None:
+    """Groups of no view and of one among them, and views that are absent."""
+    rng = np.random.default_rng([*grid, len(dtype)])
+    size, present = (11, 33), fields.random_present(rng, grid)
+    lf = fields.light_field(rng, grid, size, 3, dtype, "scene", present)
+    groups = (rng.random((2, present.size, *size)) > 0.4).astype(np.uint8)
+    groups[0, :, 0], groups[1, 1:, 1] = 0, 0
+    views = used.colour_views(lf, 1.2)
+    means, variances = used.empty((2, 3, *size), np.float32), used.empty((2, *size), np.float32)
+    used.view_groups(views, -0.77, used.upload(groups), means, variances)
+    white = 255 * naive_photo.UNIT
+    levels = np.zeros((present.size, *size, 3))
+    for (v, u), image in naive_costs.moved(lf.views, -0.77, present):
+        levels[(v + grid[0] // 2) * grid[1] + u + grid[1] // 2] = image / white
+    own = naive_photo.levels(lf.views)[lf.centre] / white
+    there = groups * present.reshape(-1, 1, 1)
+    expected = naive_sides.groups_shown(levels, there, own)
+    np.testing.assert_allclose(used.download(means), expected[0], atol=1e-6)
+    np.testing.assert_allclose(used.download(variances), expected[1], atol=1e-6)
+
+
+@pytest.mark.parametrize("clusters", [2, 3])
+def test_regions_of_patches_agree_with_the_oracle(used: Engine, clusters: int) -> None:
+    """Of three colours and a little noise; in 1/256, so that sums are exact."""
+    rng = np.random.default_rng(clusters)
+    base = rng.choice([0.1, 0.5, 0.9], (3, 4, 3)).repeat(3, 0).repeat(3, 1) + rng.normal(0, 0.02, (9, 12, 3))
+    picture = (np.rint(base * 256) / 256).astype(np.float32)
+    points = np.argwhere(rng.random((9, 12)) > 0.5)
+    for alike in (0.05, 0.7):
+        rule = {"radius": 2, "clusters": clusters, "alike": alike, "rounds": 10}
+        found = used.patch_regions(picture, points, **rule)  # type: ignore[arg-type]
+        for point, one in zip(points, found, strict=True):
+            expected = naive_sides.region(picture, tuple(point), 2, clusters, alike, 10)
+            np.testing.assert_array_equal(one, expected)
 
 
 # Pictures from many views

@@ -14,7 +14,7 @@ from lfdepth.engines import engine
 from lfdepth.engines.base import Delta, Gradient
 from lfdepth.estimation import estimate
 from lfdepth.lightfield import LightField
-from lfdepth.methods import NAMES
+from lfdepth.methods import FAMILY
 from lfdepth.trace import Trace
 
 Array = fields.Array
@@ -252,7 +252,7 @@ def test_threads_change_no_vote(masked: bool, seed: int, height: int, rule: Vote
             np.testing.assert_array_equal(vote(lf, 0.3, rule=rule, mask=mask, engine=used), one)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", FAMILY)
 def test_threads_change_no_estimate(name: str) -> None:
     lf = random_field(1, (4, 5), (150, 41), "scene", absent=False)
     one = estimate(lf, name, threads=1, **OPTIONS)
@@ -266,7 +266,7 @@ def assert_almost_everywhere(found: Array, expected: Array, tolerance: float = 0
     assert np.mean(np.abs(found - expected) > tolerance) < SHARE
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", FAMILY)
 @pytest.mark.parametrize("law", SYMMETRIES)
 @given(seed=seeds, height=st.integers(30, 60), width=st.integers(30, 60))
 @estimate_law
@@ -279,7 +279,7 @@ def test_estimates_commute_with_symmetries(name: str, law: str, seed: int, heigh
     assert_almost_everywhere(found.confidence, move(expected.confidence))
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", FAMILY)
 @given(seed=seeds, pixels=st.sampled_from([-2, -1, 1, 2]))
 @estimate_law
 def test_moving_the_views_moves_the_estimate(name: str, seed: int, pixels: int) -> None:
@@ -296,7 +296,7 @@ def test_moving_the_views_moves_the_estimate(name: str, seed: int, pixels: int) 
     assert_almost_everywhere(found[inner], estimate(lf, name, **OPTIONS).disparity[inner])
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", FAMILY)
 @given(seed=seeds, scale=st.sampled_from([2, 3]))
 @estimate_law
 def test_brightness_changes_no_votes_volume(name: str, seed: int, scale: int) -> None:

@@ -11,7 +11,7 @@ from fields import quantise, texture
 from lfdepth.camera import Camera
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
-from lfdepth.methods import NAMES
+from lfdepth.methods import FAMILY
 
 
 def random_views(*shape: int, dtype: str = "uint8", seed: int = 0) -> npt.NDArray[Any]:
@@ -177,7 +177,7 @@ def test_views_stand_at_their_positions_for_every_method() -> None:
         views[v, u, ..., 0] = paint(x + disparity * right, y + disparity * down)
     samples, ends = quantise(views, "uint8"), (-0.5, 1.5)
     inner = (slice(6, -6), slice(6, -6))
-    for name in NAMES:
+    for name in FAMILY:
         placed = LightField(samples, positions=positions, disparity_range=ends)
         off = np.abs(lfdepth.estimate(placed, name).disparity - disparity)[inner]
         assert np.mean(off > 0.07) < 0.02, name

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import lfdepth
-from lfdepth.methods import NAMES
+from lfdepth.methods import FAMILY
 
 BORDER = 15
 
@@ -30,7 +30,7 @@ def scores(request: pytest.FixtureRequest, data_folder: Path) -> tuple[str, dict
     lf = lfdepth.read(folder)
     assert lf.truth is not None
     found = {}
-    for method in NAMES:
+    for method in FAMILY:
         error = lfdepth.estimate(lf, method).disparity.astype(np.float64) - lf.truth
         inner = error[BORDER:-BORDER, BORDER:-BORDER]
         found[method] = Score(100 * float(np.mean(np.abs(inner) > 0.07)), 100 * float(np.mean(inner**2)))

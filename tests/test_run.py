@@ -15,7 +15,7 @@ from lfdepth.blocks.smoothing import GuidedFilter
 from lfdepth.errors import LightFieldError
 from lfdepth.estimation import estimate
 from lfdepth.lightfield import LightField
-from lfdepth.methods import NAMES, Method, method
+from lfdepth.methods import FAMILY, Method, method
 from lfdepth.result import Result
 from lfdepth.trace import Trace
 
@@ -118,7 +118,7 @@ def test_a_trace_keeps_what_the_estimate_was_made_of() -> None:
         np.testing.assert_array_equal(smooth(votes[k]), slices[k])
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", FAMILY)
 def test_a_trace_accounts_for_the_time_and_counts_every_step(name: str) -> None:
     """Blocks take most of the time between the first step and the last, and never more than all of it."""
     seen: list[tuple[int, int, str]] = []
@@ -131,7 +131,7 @@ def test_a_trace_accounts_for_the_time_and_counts_every_step(name: str) -> None:
     assert {"voting", "smoothing", "decoding"} <= trace.times().keys()
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", FAMILY)
 def test_a_result_says_how_it_came_about(name: str) -> None:
     lf = scene(7)
     result = estimate(lf, name, **OPTIONS)
@@ -214,7 +214,7 @@ def test_views_in_any_memory_order() -> None:
     )
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", FAMILY)
 def test_an_area_without_texture_gets_one_disparity_and_no_confidence(name: str) -> None:
     """Rounding left over from textured rows is no evidence: beyond the windows' reach, pixels are alike."""
     lf = scene(15, size=(100, 50))
@@ -282,7 +282,7 @@ def test_a_light_field_without_range_gets_one_found() -> None:
         estimate(replace(lf, disparity_range=None, views=np.full_like(lf.views, 99)), "fbs", **OPTIONS)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", FAMILY)
 def test_what_does_not_fit_in_memory_is_refused_in_one_line(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

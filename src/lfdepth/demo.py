@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lfdepth.errors import LightFieldError
-from lfdepth.methods import NAMES
+from lfdepth.methods import FAMILY
 from lfdepth.table import Table
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ def run_demo(
         say("rendering the scene")
         lf = scenes.render("demo", size=size)
         maps, scores, captions = {}, {}, {}
-        for name in NAMES:
+        for name in FAMILY:
             say(f"estimating with {name}")
             result = timed_estimate(lf, method(name), progress=progress)
             maps[name], scores[name] = result.disparity, evaluate(result, lf)

@@ -54,7 +54,8 @@ def bench(
     output
         Folder for the tables, report.html and the runs that are remembered.
     methods
-        Methods, with parameters as in fbsocc-sfa:step=0.02,skip=7; all methods by default.
+        Methods, with parameters as in fbsocc-sfa:step=0.02,skip=7, or all; by default lfdepth's own, and
+        those of other packages, but not those that they are compared with.
     settings
         Parameters as in step=0.02,skip=7; each of these sets is tried with every one of the methods.
     plan
@@ -76,7 +77,7 @@ def bench(
     from lfdepth.cli.progress import Progress
 
     planned = read_plan(plan) if plan else Plan((), ())
-    named = methods or (() if plan else known_methods.names())
+    named = _named(methods) if methods or plan else _usual()
     tried = cross(map(setting, named), [parameters(each) for each in settings] or [{}])
     with Progress() as progress:
         result = run_bench(
@@ -294,6 +295,16 @@ def render(
                 progress=progress.step,
             )
     report({"written": [str(folder) for folder in folders]}, as_json, _written)
+
+
+def _usual() -> tuple[str, ...]:
+    """Methods that are compared where none is named."""
+    return tuple(each for each in known_methods.names() if each not in known_methods.COMPARED)
+
+
+def _named(methods: Sequence[str]) -> tuple[str, ...]:
+    """Methods as they are named, all of them for "all"."""
+    return tuple(chain.from_iterable(known_methods.names() if each == "all" else (each,) for each in methods))
 
 
 def _duration(seconds: float) -> str:

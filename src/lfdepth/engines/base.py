@@ -388,6 +388,149 @@ class Engine(Protocol):
         C) where a view is absent, the window leaves it, or a sample is 0 or white.
         """
 
+    # --- costs of planes
+
+    def differences(
+        self,
+        views: ColourViews,
+        disparity: float,
+        limits: Array,
+        out: Array,
+        *,
+        beyond: float,
+        itself: bool = False,
+    ) -> None:
+        """Mean over the views that vote of their difference to the reference view at one plane, into `out`.
+
+        A view's difference is the mean over channels of absolute ones; where it is not below `limits` (H, W)
+        it counts as `beyond`, all in parts of full scale. With `itself`, the reference view is moved in every
+        view's stead. LightFieldError where the plane lies beyond what the views were prepared for.
+        """
+
+    def angular_entropy(self, views: ColourViews, disparity: float, sigma: float, out: Array) -> None:
+        """Constrained angular entropy of one plane, the mean over channels, into `out` (H, W).
+
+        Of N views, n show a level l at a pixel, in whole 8-bit levels; the share of l is h = n/N·exp(−(l −
+        l₀)²/(2·`sigma`²)), l₀ the reference view's level. The entropy is −Σ h·ln h / Σ h. LightFieldError
+        where the plane lies beyond what the views were prepared for.
+        """
+
+    def focal_symmetry(
+        self,
+        views: ColourViews,
+        planes: NDArray[np.float64],
+        stacks: Bool,
+        pairs: NDArray[np.int64],
+        reach: int,
+        sigma: float,
+        out: Array,
+        *,
+        rows: tuple[int, int],
+    ) -> None:
+        """How unlike focal stacks are before and behind planes, into rows [first, last) of `out` (K, H, W).
+
+        A stack φ_i holds the mean of the present ones of its views, `stacks[i]` (V, U), at every one of K +
+        2·`reach` planes, evenly spaced front to back. Of the planes but for `reach` at either end, plane k
+        costs the mean over d = 0, ..., `reach` of the least over pairs (i, j), of `pairs` (N, 2), of ρ(φ_i(k
+        − d) − φ_j(k + d)), ρ(x) = 1 − exp(−x²/(2·`sigma`²)), x² the mean over channels, in parts of full
+        scale.
+        """
+
+    # --- cost volumes
+
+    def minima(self, volume: Array) -> tuple[NDArray[np.int32], Float]:
+        """Least cost of each pixel of a volume (K, H, W), and what lies around it, on the host.
+
+        Returns
+        -------
+        (H, W) first label of least cost; (4, H, W) the cost there, those of the labels before and after it
+        (its own at the ends), and that of the next lowest local minimum, or where there is none the largest
+        cost.
+        """
+
+    def line_paths(self, volume: Array, weights: Float, table: Float) -> None:
+        """Replace costs (K, H, W) float32 by their sums over the best paths from 2·N sides, in place.
+
+        Semi-global matching with any penalty. Between neighbours, a change by d labels costs their weight
+        times `table[d]`, and from the table's last entry on that one; `table[0]` is 0, and none is less than
+        the one before. `weights` (N, H, W), N = 2 or 4, are those between a pixel and the next to the right,
+        below, below to the right, and below to the left. Each path counts a pixel's own cost once.
+        """
+
+    def local_means(self, volume: Array, weights: Float, around: NDArray[np.int64], out: Array) -> None:
+        """Weighted sum of the pixels around every pixel, slice by slice of a volume (K, H, W), into `out`.
+
+        `around` (N, 2) says where they lie, px down and across; `weights` (H, N, W) are 0 where that is
+        beyond the border (`blocks.bilateral`).
+        """
+
+    # --- two sides of a line, and two groups of views
+
+    def histogram_distances(
+        self,
+        pictures: Array,
+        bins: int,
+        walk: tuple[int, int],
+        corners: NDArray[np.int64],
+        weights: Float,
+        out: Array,
+    ) -> None:
+        """Sums of squares over the bins of weighted histograms, for several labels at once.
+
+        `out[l, p] = Σ_c Σ_b (Σ_n Σ_s weights[n, s, l]·[pictures[n, c, p + corners[n] + s·walk] = b])²`.
+
+        Parameters
+        ----------
+        pictures
+            (N, C, H, W) uint8, below `bins`; beyond the border they repeat.
+        bins
+            Bins of each channel.
+        walk
+            Px down and right from a sample to the next.
+        corners
+            (N, 2) px down and right from a pixel to the first sample of each picture.
+        weights
+            (N, S, L).
+        out
+            (L, H, W) float32.
+        """
+
+    def view_groups(
+        self, views: ColourViews, disparity: float, groups: Array, means: Array, variances: Array
+    ) -> None:
+        """What two groups of views show of a plane: means, and variances of all channels together.
+
+        `groups` (2, V·U, H, W) uint8 is 1 where a view that votes belongs to a group. `means` (2, C, H, W)
+        float32 are less the reference view's levels, `variances` (2, H, W) float32 unbiased and summed over
+        channels, both in parts of full scale. LightFieldError where the plane lies beyond what the views
+        were prepared for.
+        """
+
+    def patch_regions(
+        self,
+        picture: Float,
+        points: NDArray[np.int64],
+        *,
+        radius: int,
+        clusters: int,
+        alike: float,
+        rounds: int,
+    ) -> Bool:
+        """What belongs with the middle of the patch around each point, (P, side, side); side = 2·radius + 1.
+
+        The colours of a patch, whose borders repeat, are put into `clusters` by k-means: the first centre is
+        the middle's colour, each next one the colour farthest from those before; centres move until nothing
+        changes or `rounds` are over. Clusters whose centres are nearer than `alike` are one. What hangs
+        together with the middle, over eight neighbours, is its region.
+
+        Parameters
+        ----------
+        picture
+            (H, W, C).
+        points
+            (P, 2) rows and columns.
+        """
+
     # --- pictures from many views
 
     def seen(self, disparity: Float, offset: tuple[float, float], *, plane: float = 0.0) -> Float:

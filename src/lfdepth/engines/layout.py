@@ -56,8 +56,14 @@ ENERGY_SCALE = 2000
 ENERGY_CUT = 2 * ENERGY_SCALE
 """Energies above a pixel's least are cut here."""
 
+PATH_STEPS = ((0, 1), (1, 0), (1, 1), (1, -1))
+"""Px down and across from a pixel to the next on a path, in the order of their weights."""
+
 FEWEST_SEEING = 0.1
 """A share of visible views counts at least so many of all views, or single views would decide."""
+
+LABELS_AT_ONCE = 32
+"""Labels whose histograms are made in one pass over the samples: a few vectors, which fit the first cache."""
 
 VISIBILITY_MARGIN = 0.2
 """Surfaces count as nearer than a plane only if they are by more than this, px per view step."""

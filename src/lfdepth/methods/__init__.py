@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from lfdepth.methods.own import DEFAULT, NAMES, PRESETS
+from lfdepth.methods.own import COMPARED, DEFAULT, FAMILY, NAMES, PRESETS
 
 if TYPE_CHECKING:
     from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
@@ -20,7 +20,9 @@ _HOMES = {
 }
 
 __all__ = [
+    "COMPARED",
     "DEFAULT",
+    "FAMILY",
     "NAMES",
     "PRESETS",
     "Maps",

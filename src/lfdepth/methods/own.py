@@ -7,16 +7,33 @@ from typing import Any
 DEFAULT = "fbs-vis"
 """The method that is used where none is named."""
 
-HOMES = {
+_FAMILY = {
     "fbs": "lfdepth.methods.fbs:Fbs",
     "fbs-sfa": "lfdepth.methods.fbs_sfa:FbsSfa",
     "fbsocc-sfa": "lfdepth.methods.fbsocc_sfa:FbsoccSfa",
     "fbs-vis": "lfdepth.methods.fbs_vis:FbsVis",
 }
+_COMPARED = {
+    "spo": "lfdepth.methods.spo:Spo",
+    "spo-mo": "lfdepth.methods.spo_mo:SpoMo",
+    "cae": "lfdepth.methods.cae:Cae",
+    "lf-occ": "lfdepth.methods.lf_occ:LfOcc",
+    "omg": "lfdepth.methods.omg:Omg",
+    "ofsy": "lfdepth.methods.ofsy:Ofsy",
+    "oavc": "lfdepth.methods.oavc:Oavc",
+}
+
+HOMES = {**_FAMILY, **_COMPARED}
 """Module and class by name."""
 
-NAMES: tuple[str, ...] = tuple(HOMES)
-"""Names, oldest first."""
+FAMILY: tuple[str, ...] = tuple(_FAMILY)
+"""Names of the methods of foreground-background separation, oldest first."""
+
+COMPARED: tuple[str, ...] = tuple(_COMPARED)
+"""Names of the methods that they are compared with, in the order of the paper's table."""
+
+NAMES: tuple[str, ...] = (*FAMILY, *COMPARED)
+"""Names of all."""
 
 PRESETS: dict[str, dict[str, Any]] = {
     "paper-synthetic": {"step": 0.02, "skip": 7},

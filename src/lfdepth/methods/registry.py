@@ -125,7 +125,7 @@ def method(name: str | Method = DEFAULT, **options: Any) -> Method:
                 f"{option}: method {kind.info.name} has no such parameter; "
                 f"expected one of {', '.join(known)}; choose one of these, or another method"
             )
-    if options.get("planes") is not None:
+    if options.get("planes") is not None and "step" in known:
         options["step"] = None
     before = chosen.parameters() if isinstance(chosen, Method) else {}
     return kind(**{**before, **options})

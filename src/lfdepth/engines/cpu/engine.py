@@ -15,14 +15,20 @@ from numpy.typing import DTypeLike, NDArray
 from lfdepth.engines.base import Array, Bool, Box, Delta, Float, Gradient
 from lfdepth.engines.cpu import guided, layout, medians
 from lfdepth.engines.cpu.kernels import decode as decode_kernels
+from lfdepth.engines.cpu.kernels import differences as difference_kernels
 from lfdepth.engines.cpu.kernels import edges as edge_kernels
 from lfdepth.engines.cpu.kernels import energy as energy_kernels
+from lfdepth.engines.cpu.kernels import entropy as entropy_kernels
 from lfdepth.engines.cpu.kernels import focusing as focusing_kernels
 from lfdepth.engines.cpu.kernels import gloss as gloss_kernels
+from lfdepth.engines.cpu.kernels import groups as group_kernels
+from lfdepth.engines.cpu.kernels import histograms as histogram_kernels
+from lfdepth.engines.cpu.kernels import labels as label_kernels
 from lfdepth.engines.cpu.kernels import matching as matching_kernels
 from lfdepth.engines.cpu.kernels import noise as noise_kernels
 from lfdepth.engines.cpu.kernels import photo as photo_kernels
 from lfdepth.engines.cpu.kernels import refine as refine_kernels
+from lfdepth.engines.cpu.kernels import stacks as stack_kernels
 from lfdepth.engines.cpu.kernels import surface as surface_kernels
 from lfdepth.engines.cpu.kernels import visibility as visibility_kernels
 from lfdepth.engines.cpu.kernels import voting as voting_kernels
@@ -30,10 +36,12 @@ from lfdepth.engines.cpu.kernels import windows as windows_kernels
 from lfdepth.engines.cpu.layout import ColourStack, GreyStack, NearestSurfaces, SplineViews, ViewsAsTheyAre
 from lfdepth.engines.cpu.workers import Workers
 from lfdepth.engines.layout import (
+    COLOUR_WHITE,
     DISPARITY_LIMIT,
     DISPARITY_PARTS,
     ENERGY_SCALE,
     GREY_WHITE,
+    PATH_STEPS,
     SHARE_LEVELS,
     SURFACE_JUMP,
     UNKNOWN_SURFACE,
@@ -46,6 +54,9 @@ from lfdepth.engines.layout import (
 )
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
+
+_FALLEN = 6.0
+"""Standard deviations beyond which a level weighs nothing in an entropy."""
 
 
 class CpuEngine:
@@ -589,6 +600,128 @@ class CpuEngine:
         self.workers.rows(count, windows_kernels.window_kernel, *source, means, usable)
         return means, usable
 
+    # --- costs of planes
+
+    def differences(
+        self,
+        views: ColourStack,
+        disparity: float,
+        limits: Array,
+        out: Array,
+        *,
+        beyond: float,
+        itself: bool = False,
+    ) -> None:
+        """Truncated differences of one plane."""
+        place = (out, limits, beyond, *_colour_sampling(views, disparity), itself)
+        self.workers.rows(views.size[0], difference_kernels.difference_kernel, *place)
+
+    def angular_entropy(self, views: ColourStack, disparity: float, sigma: float, out: Array) -> None:
+        """Entropy of one plane."""
+        place = (out, *_bins(sigma, int(views.present.sum())), *_colour_sampling(views, disparity))
+        self.workers.rows(views.size[0], entropy_kernels.entropy_kernel, *place)
+
+    def focal_symmetry(
+        self,
+        views: ColourStack,
+        planes: NDArray[np.float64],
+        stacks: Bool,
+        pairs: NDArray[np.int64],
+        reach: int,
+        sigma: float,
+        out: Array,
+        *,
+        rows: tuple[int, int],
+    ) -> None:
+        """Differences of focal stacks, a few pixels of a row at all planes at a time."""
+        moved = [views.shifts(float(plane)) for plane in planes]
+        used = np.argwhere(stacks.any(axis=0) & views.present)
+        v, u = used.T
+        down, across = (
+            np.array([getattr(plane, way)[v, u] for plane in moved]) for way in ("down", "across")
+        )
+        weights = np.array([plane.weights[v, u] for plane in moved], np.int16)
+        member = np.ascontiguousarray(stacks[:, v, u])
+        shape = (*views.grid, views.size[0], views.channels, views.row_length, views.margin, 0)
+        source = (views.data, shape, v * views.grid[1] + u, down, across, weights)
+        scale = np.float32(1 / (64 * 2 * views.channels * (sigma * COLOUR_WHITE) ** 2))
+        place = (out, *source, member, pairs, reach, scale)
+        self.workers.rows(rows[1], stack_kernels.symmetry_kernel, *place, first=rows[0])
+
+    # --- cost volumes
+
+    def minima(self, volume: Array) -> tuple[NDArray[np.int32], Float]:
+        """Least costs, and what lies around them."""
+        index = np.empty(volume.shape[1:], np.int32)
+        beside = np.empty((4, *index.shape), np.float32)
+        self.workers.rows(len(index), label_kernels.minima_kernel, volume, index, beside)
+        return index, beside
+
+    def line_paths(self, volume: Array, weights: Float, table: Float) -> None:
+        """Sums over the best paths, line by line, labels innermost."""
+        count, height, width = volume.shape
+        energy, total = (
+            np.empty((height, width, count), np.float32),
+            np.zeros((height, width, count), np.float32),
+        )
+
+        def turn(first: int, last: int) -> None:
+            energy[first:last] = volume[:, first:last].transpose(1, 2, 0)
+
+        def turn_back(first: int, last: int) -> None:
+            volume[:, first:last] = total[first:last].transpose(2, 0, 1)
+
+        self.workers.rows(height, turn)
+        lines = (height, width, height + width - 1, height + width - 1)
+        for weight, step, number in zip(weights, PATH_STEPS, lines, strict=False):
+            place = (energy, total, np.ascontiguousarray(weight), table, step)
+            self.workers.rows(number, label_kernels.path_kernel, *place)
+        self.workers.rows(height, turn_back)
+
+    def local_means(self, volume: Array, weights: Float, around: NDArray[np.int64], out: Array) -> None:
+        """Weighted sums, a row of all slices at once."""
+        place = (volume, weights, around, out)
+        self.workers.rows(volume.shape[1], label_kernels.local_mean_kernel, *place)
+
+    # --- two sides of a line, and two groups of views
+
+    def histogram_distances(
+        self,
+        pictures: Array,
+        bins: int,
+        walk: tuple[int, int],
+        corners: NDArray[np.int64],
+        weights: Float,
+        out: Array,
+    ) -> None:
+        """Histograms of all labels side by side."""
+        place = (pictures, bins, walk, corners, weights, out)
+        self.workers.rows(out.shape[1], histogram_kernels.histogram_kernel, *place)
+
+    def view_groups(
+        self, views: ColourStack, disparity: float, groups: Array, means: Array, variances: Array
+    ) -> None:
+        """Sums over the views of each row."""
+        place = (groups, *_colour_sampling(views, disparity), means, variances)
+        self.workers.rows(views.size[0], group_kernels.group_kernel, *place)
+
+    def patch_regions(
+        self,
+        picture: Float,
+        points: NDArray[np.int64],
+        *,
+        radius: int,
+        clusters: int,
+        alike: float,
+        rounds: int,
+    ) -> Bool:
+        """Point by point."""
+        side = 2 * radius + 1
+        found = np.empty((len(points), side * side), np.bool_)
+        rule = (radius, clusters, float(alike), rounds)
+        self.workers.rows(len(points), group_kernels.region_kernel, picture, points, *rule, found)
+        return found.reshape(-1, side, side)
+
     # --- pictures from many views
 
     def seen(self, disparity: Float, offset: tuple[float, float], *, plane: float = 0.0) -> Float:
@@ -649,19 +782,16 @@ def _photo_arguments(
     Sums of differences are whole numbers, so `sum / (C·WHITE) < threshold` is
     `sum < ceil(threshold·C·WHITE)`; the product is exact in double precision.
     """
+    sampling = _colour_sampling(stack, disparity)
+    return thresholds, *sampling, _placed_visibility(stack, disparity, surfaces), surfaces is not None
+
+
+def _colour_sampling(stack: ColourStack, disparity: float) -> tuple[Any, ...]:
+    """The kernels' arguments that say how a plane samples views in colour."""
     plane = stack.shifts(disparity)
     own = stack.reference[0] * stack.grid[1] + stack.reference[1]
-    return (
-        thresholds,
-        stack.data,
-        (*stack.grid, stack.size[0], stack.channels, stack.row_length, stack.margin, own),
-        plane.down,
-        plane.across,
-        plane.weights.astype(np.int16),
-        stack.present,
-        _placed_visibility(stack, disparity, surfaces),
-        surfaces is not None,
-    )
+    shape = (*stack.grid, stack.size[0], stack.channels, stack.row_length, stack.margin, own)
+    return stack.data, shape, plane.down, plane.across, plane.weights.astype(np.int16), stack.present
 
 
 def _placed_visibility(
@@ -684,6 +814,19 @@ def _placed_visibility(
 def _planar(guide: Float) -> Float:
     """A guide (H, W, C) laid out channel by channel, flat."""
     return np.ascontiguousarray(np.moveaxis(guide, 2, 0), np.float32).reshape(-1)
+
+
+def _bins(sigma: float, views: int) -> tuple[Float, Float]:
+    """What a bin's −h·ln h gains by each further view (N, bins), and the bins' weights (bins,), times N.
+
+    Bins are whole levels about the middle one; the outermost hold all that lies beyond and weigh nothing.
+    """
+    reach = min(int(np.ceil(_FALLEN * sigma)) + 1, 127)
+    weights = np.exp(-(np.arange(-reach, reach + 1.0) ** 2) / (2 * sigma**2))
+    weights[[0, -1]] = 0
+    filled = np.arange(views + 1)[:, None] * weights
+    sums = filled * np.log(np.where(filled > 0, filled / views, 1))
+    return np.diff(sums, axis=0).astype(np.float32), weights.astype(np.float32)
 
 
 def _gaussian(deviation: float) -> Float:

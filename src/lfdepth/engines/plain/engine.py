@@ -15,7 +15,18 @@ from numpy.typing import DTypeLike, NDArray
 
 from lfdepth.engines.base import Array, Bool, Box, Delta, Float, Gradient
 from lfdepth.engines.layout import SHARE_LEVELS, SURFACE_JUMP
-from lfdepth.engines.plain import edges, energy, filters, photo, pictures, refine, voting
+from lfdepth.engines.plain import (
+    costs,
+    edges,
+    energy,
+    filters,
+    labels,
+    photo,
+    pictures,
+    refine,
+    sides,
+    voting,
+)
 from lfdepth.engines.plain.edges import Views
 from lfdepth.engines.plain.filters import Prepared
 from lfdepth.engines.plain.photo import ColourLevels, Surfaces
@@ -395,6 +406,88 @@ class NumpyEngine:
     ) -> tuple[Float, Bool]:
         """Mean levels of windows, and whether they are of use."""
         return edges.window_means(views, points, disparity, reach)
+
+    # --- costs of planes
+
+    def differences(
+        self,
+        views: ColourLevels,
+        disparity: float,
+        limits: Array,
+        out: Array,
+        *,
+        beyond: float,
+        itself: bool = False,
+    ) -> None:
+        """Truncated differences of one plane."""
+        out[:] = costs.differences(views, disparity, limits, beyond, itself)
+
+    def angular_entropy(self, views: ColourLevels, disparity: float, sigma: float, out: Array) -> None:
+        """Entropy of one plane."""
+        out[:] = costs.angular_entropy(views, disparity, sigma)
+
+    def focal_symmetry(
+        self,
+        views: ColourLevels,
+        planes: NDArray[np.float64],
+        stacks: Bool,
+        pairs: NDArray[np.int64],
+        reach: int,
+        sigma: float,
+        out: Array,
+        *,
+        rows: tuple[int, int],
+    ) -> None:
+        """Differences of focal stacks; the stacks of all rows are made, and some rows of them used."""
+        part = slice(*rows)
+        out[:, part] = costs.focal_symmetry(views, planes, stacks, pairs, reach, sigma, part)
+
+    # --- cost volumes
+
+    def minima(self, volume: Array) -> tuple[NDArray[np.int32], Float]:
+        """Least costs, and what lies around them."""
+        return labels.minima(volume)
+
+    def line_paths(self, volume: Array, weights: Float, table: Float) -> None:
+        """Sums over the best paths."""
+        volume[:] = labels.paths(volume, weights, table)
+
+    def local_means(self, volume: Array, weights: Float, around: NDArray[np.int64], out: Array) -> None:
+        """Weighted sums."""
+        out[:] = labels.local_means(volume, weights, around)
+
+    # --- two sides of a line, and two groups of views
+
+    def histogram_distances(
+        self,
+        pictures: Array,
+        bins: int,
+        walk: tuple[int, int],
+        corners: NDArray[np.int64],
+        weights: Float,
+        out: Array,
+    ) -> None:
+        """One bin after another."""
+        out[:] = sides.histogram_distances(pictures, bins, walk, corners, weights)
+
+    def view_groups(
+        self, views: ColourLevels, disparity: float, groups: Array, means: Array, variances: Array
+    ) -> None:
+        """Means and variances over the views of each group."""
+        means[:], variances[:] = sides.view_groups(views, disparity, groups)
+
+    def patch_regions(
+        self,
+        picture: Float,
+        points: NDArray[np.int64],
+        *,
+        radius: int,
+        clusters: int,
+        alike: float,
+        rounds: int,
+    ) -> Bool:
+        """All patches at once."""
+        return sides.patch_regions(picture, points, radius, clusters, alike, rounds)
 
     # --- pictures from many views
 

@@ -51,7 +51,7 @@ def _interpolate_words(out, start, size, source, upper, lower, w00, w01, w10, w1
 
 
 @nb.njit(**INNER)
-def _interpolate(out, channels, source, upper, lower, length, w00, w01, w10, w11):
+def interpolate(out, channels, source, upper, lower, length, w00, w01, w10, w11):
     """All channels of one view's row, side by side in `out`."""
     size = np.uintp(out.size // channels)
     for c in range(channels):
@@ -184,7 +184,7 @@ def photo_kernel(
         for i in range(block):
             y = lines[begin + i]
             start = np.uintp((view + y) * row_size + margin)
-            _interpolate(reference[i], channels, data, start, start, length, one, none, none, none)
+            interpolate(reference[i], channels, data, start, start, length, one, none, none, none)
             _integer_bounds(bounds[i], thresholds[y], scale)
             _clear(votes[i], seen[i])
             everywhere[i] = 0
@@ -203,7 +203,7 @@ def photo_kernel(
                     lower = min(max(y + down[v, u] + 1, 0), height - 1)
                     above = np.uintp((view + upper) * row_size + column)
                     below = np.uintp((view + lower) * row_size + column)
-                    _interpolate(levels, channels, data, above, below, length, w00, w01, w10, w11)
+                    interpolate(levels, channels, data, above, below, length, w00, w01, w10, w11)
                     whole, at = True, np.uintp(0)
                     if masked:
                         there = y + nearest_down[v, u]

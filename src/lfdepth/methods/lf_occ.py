@@ -1,0 +1,95 @@
+"""LF_OCC: views on one side of an edge see past the occluder."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfdepth.blocks import occluders
+from lfdepth.blocks.contours import colour_edges, orientations, spread_largest
+from lfdepth.blocks.smoothing import check_window, guide_image
+from lfdepth.methods import labels
+from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
+from lfdepth.methods.parameters import Real, Whole
+
+EdgeRadius = Annotated[int, Whole("How far around an edge views are chosen.", ge=0, le=100, unit="px")]
+Window = Annotated[int, Whole("Radius of the bilateral filter for the costs.", ge=1, le=20, unit="px")]
+SigmaColour = Annotated[
+    float, Real("Spread of the bilateral filter over colours.", gt=0, le=10, unit="full scale", symbol="σ")
+]
+
+
+def group_bytes(shape: Shape, planes: NDArray[np.float64], sample_bytes: int, *, paths: bool) -> int:
+    """Bytes of views in colour, two groups of them, and one volume, or three where paths are followed."""
+    v, u, height, width, _ = shape
+    volumes = labels.volume_bytes(shape, planes, 3 if paths else 1, sample_bytes=sample_bytes)
+    return volumes + 2 * v * u * height * width
+
+
+@dataclass(frozen=True, kw_only=True)
+class LfOcc(Method):
+    """At edges of the picture the views fall into two halves, of which an occluder leaves one as it is.
+
+    Wang, Efros, Ramamoorthi: Occlusion-aware depth estimation using light-field cameras, ICCV 2015; Depth
+    estimation with occlusion modeling using light-field cameras, TPAMI 38(11), 2016,
+    doi:10.1109/TPAMI.2016.2515615.
+    """
+
+    info: ClassVar = MethodInfo(
+        name="lf-occ",
+        summary="Occlusion-aware by halves of the views (Wang et al., TPAMI 2016).",
+        reference="doi:10.1109/TPAMI.2016.2515615",
+    )
+
+    planes: labels.Labels = 256
+    edge_radius: EdgeRadius = 4
+    window: Window = 2
+    sigma_colour: SigmaColour = 0.01
+    regulariser: labels.Regulariser = "paths"
+    subplane: labels.Subplane = False
+
+    def check(self, shape: Shape) -> None:
+        """The filter's windows have to fit the views."""
+        check_window(self.window, (shape[2], shape[3]))
+
+    def memory(self, shape: Shape, planes: NDArray[np.float64], sample_bytes: int) -> int:
+        """Views in colour, their halves, and a volume, or three."""
+        return group_bytes(shape, planes, sample_bytes, paths=self.regulariser == "paths")
+
+    def halo(self) -> int:
+        """The filter's window, edges and what decides their angle; paths carry farther."""
+        return self.window + self.edge_radius + 8
+
+    def run(self, problem: Problem, work: Work) -> Maps:
+        """Split the views at edges, find the cheapest labels, look for occlusions, regularise."""
+        lf, planes, engine, trace = problem.lf, problem.planes, work.engine, work.trace
+        trace.steps(len(planes) + (self.regulariser == "paths"))
+        with trace.block("edges"):
+            picture = guide_image(lf, "colour")
+            edges = colour_edges(picture)
+            angles = spread_largest(orientations(edges), self.edge_radius)
+            groups = occluders.halves(lf, angles)
+            choose = occluders.choose_half(occluders.side_contrast(lf, angles), picture)
+        winners = occluders.find_winners(
+            lf,
+            planes,
+            groups,
+            choose,
+            window=self.window,
+            sigma_colour=self.sigma_colour,
+            subplane=self.subplane,
+            engine=engine,
+            trace=trace,
+        )
+        if self.regulariser == "none":
+            return Maps(winners.disparity, winners.confidence)
+        with trace.block("paths"):
+            chains = occluders.occlusion_chains(winners, ~np.isnan(angles), edges)
+            disparity = occluders.regularise(
+                lf, winners, chains, planes, subplane=self.subplane, engine=engine
+            )
+        trace.step("paths")
+        return Maps(disparity, winners.confidence)

@@ -1,0 +1,126 @@
+"""OMG: views that an occluder of any shape leaves."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from lfdepth.blocks import occluders
+from lfdepth.blocks.contours import canny
+from lfdepth.blocks.smoothing import check_window
+from lfdepth.lightfield import luma
+from lfdepth.methods import labels
+from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
+from lfdepth.methods.lf_occ import EdgeRadius, SigmaColour, Window, group_bytes
+from lfdepth.methods.parameters import Real, Whole
+
+_ROUNDS = 10
+"""Rounds of k-means at most."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Omg(Method):
+    """What is occluded near an edge, and from which views, the picture around the pixel says.
+
+    Zhu, Wang, Yu: Occlusion-model guided antiocclusion depth estimation in light field, IEEE JSTSP 11(7),
+    2017, doi:10.1109/JSTSP.2017.2730818. Much of it is not known: docs/baselines.md says what stands in its
+    place.
+    """
+
+    info: ClassVar = MethodInfo(
+        name="omg",
+        summary="Occlusion-model guided, several occluders (Zhu et al., JSTSP 2017).",
+        reference="doi:10.1109/JSTSP.2017.2730818",
+    )
+
+    planes: labels.Labels = 100
+    edge_radius: EdgeRadius = 4
+    clusters: Annotated[int, Whole("Clusters of the colours around a pixel.", ge=2, le=10, symbol="k")] = 5
+    alike: Annotated[
+        float,
+        Real("Clusters nearer than this are one.", ge=0, le=2, unit="full scale"),
+    ] = 0.05
+    scale: Annotated[
+        float,
+        Real(
+            "Largest jump of disparity for which views are chosen rightly: so many px around a pixel stand for "
+            "a view step.",
+            gt=0,
+            le=10,
+            unit="px per view step",
+        ),
+    ] = 2.0
+    doubt: Annotated[
+        float,
+        Real("How much less the chosen views have to cost than all views.", ge=0, le=1, unit="full scale"),
+    ] = 0.02
+    occluded: Annotated[
+        float,
+        Real("Variance of all views over that of the chosen ones above which a pixel is occluded.", gt=1),
+    ] = 2.0
+    window: Window = 2
+    sigma_colour: SigmaColour = 0.01
+    regulariser: labels.Regulariser = "paths"
+    subplane: labels.Subplane = False
+
+    def check(self, shape: Shape) -> None:
+        """The filter's windows have to fit the views."""
+        check_window(self.window, (shape[2], shape[3]))
+
+    def memory(self, shape: Shape, planes: NDArray[np.float64], sample_bytes: int) -> int:
+        """Views in colour, two groups of them, the patches, and a volume, or three."""
+        patches = shape[2] * shape[3] * int(self.scale * max(shape[:2]) + 2) ** 2
+        return patches + group_bytes(shape, planes, sample_bytes, paths=self.regulariser == "paths")
+
+    def halo(self) -> int:
+        """The filter's window, the patch of a grid of 9×9 views, and edges; paths carry farther."""
+        return self.window + self.edge_radius + 8 + math.ceil(4 * self.scale)
+
+    def run(self, problem: Problem, work: Work) -> Maps:
+        """Choose views near edges, find the cheapest labels, look for occlusions, regularise."""
+        lf, planes, engine, trace = problem.lf, problem.planes, work.engine, work.trace
+        trace.steps(len(planes) + (self.regulariser == "paths"))
+        with trace.block("edges"):
+            candidates = _dilated(canny(luma(lf.reference)), self.edge_radius)
+            groups = occluders.consistent_groups(
+                lf,
+                candidates,
+                clusters=self.clusters,
+                alike=self.alike,
+                rounds=_ROUNDS,
+                scale=self.scale,
+                engine=engine,
+            )
+        winners = occluders.find_winners(
+            lf,
+            planes,
+            groups,
+            occluders.choose_first(self.doubt),
+            window=self.window,
+            sigma_colour=self.sigma_colour,
+            subplane=self.subplane,
+            engine=engine,
+            trace=trace,
+        )
+        if self.regulariser == "none":
+            return Maps(winners.disparity, winners.confidence)
+        with trace.block("paths"):
+            chosen, everyone = winners.spreads**2
+            occlusions = candidates & (everyone > self.occluded * chosen)
+            disparity = occluders.regularise(
+                lf, winners, occlusions, planes, subplane=self.subplane, engine=engine
+            )
+        trace.step("paths")
+        return Maps(disparity, winners.confidence)
+
+
+def _dilated(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
+    """A mask, and what lies within a radius of it."""
+    if radius == 0 or not mask.any():
+        return mask
+    return np.asarray(ndimage.distance_transform_edt(~mask) <= radius)

@@ -1,0 +1,87 @@
+"""The oracles of what planes cost: differences, entropy, partial focal stacks; in plain NumPy."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from naive_photo import UNIT, levels, sample
+
+Array = NDArray[Any]
+WHITE = 255 * UNIT
+
+
+def moved(
+    views: Array, disparity: float, present: Array, itself: bool = False
+) -> Iterator[tuple[tuple[int, int], Array]]:
+    """Place and levels (H, W, C) of every present view, or of the reference view, where a plane has it."""
+    rows, columns = views.shape[:2]
+    stack = levels(views)
+    for i, j in np.argwhere(present).tolist():
+        v, u = i - rows // 2, j - columns // 2
+        source = stack[rows // 2, columns // 2] if itself else stack[i, j]
+        yield (v, u), sample(source, -u * disparity, -v * disparity)
+
+
+def differences(
+    views: Array, disparity: float, limits: Array, beyond: float, present: Array, itself: bool = False
+) -> Array:
+    """Mean over views of the mean difference over channels; `beyond` where it is not below the limit."""
+    own = levels(views)[views.shape[0] // 2, views.shape[1] // 2] / WHITE
+    total = [
+        np.where(change < limits.astype(np.float64) - 1e-12, change, beyond)
+        for _, image in moved(views, disparity, present, itself)
+        for change in [np.abs(image / WHITE - own).mean(axis=2)]
+    ]
+    return np.asarray(np.mean(total, axis=0))
+
+
+def entropy(views: Array, disparity: float, sigma: float, present: Array) -> Array:
+    """Mean over channels of the entropy of each pixel's weighed histogram of whole 8-bit levels."""
+    own = np.floor(levels(views)[views.shape[0] // 2, views.shape[1] // 2] / UNIT + 0.5)
+    shown = [np.floor(image / UNIT + 0.5) for _, image in moved(views, disparity, present)]
+    out = np.empty(own.shape)
+    for place in np.ndindex(*own.shape):
+        histogram = np.zeros(256)
+        for image in shown:
+            distance = image[place] - own[place]
+            histogram[int(image[place])] += np.exp(-(distance**2) / (2 * sigma**2)) / len(shown)
+        filled = histogram[histogram > 0]
+        out[place] = -(filled / filled.sum() * np.log(filled)).sum()
+    return np.asarray(out.mean(axis=2))
+
+
+def focal_symmetry(
+    views: Array,
+    planes: Array,
+    stacks: Array,
+    pairs: list[tuple[int, int]],
+    reach: int,
+    sigma: float,
+    present: Array,
+) -> Array:
+    """(K, H, W) mean over distances of the least unlikeness of two stacks before and behind each plane."""
+    means: list[list[Array]] = [
+        [
+            np.mean([image / WHITE for _, image in moved(views, plane, present & stack)], axis=0)
+            for plane in planes
+        ]
+        for stack in stacks
+    ]
+    costs = []
+    for k in range(reach, len(planes) - reach):
+        unlike = [
+            np.min(
+                [
+                    1 - np.exp(-((means[i][k - d] - means[j][k + d]) ** 2).mean(axis=2) / (2 * sigma**2))
+                    for i, j in pairs
+                ],
+                axis=0,
+            )
+            for d in range(reach + 1)
+        ]
+        costs.append(np.mean(unlike, axis=0))
+    return np.array(costs)
