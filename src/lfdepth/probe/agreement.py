@@ -19,6 +19,9 @@ Array = NDArray[np.float64]
 _POINTS = 3000
 # Radius of the windows, and how far off a window shows something else, px; least contrast, of full scale.
 _REACH, _ELSEWHERE, _CONTRAST = 2, 5, 0.015
+_EDGE = _REACH + _ELSEWHERE + 1
+# From how many differences on a view tells; how far away, px, the surroundings are.
+_FEWEST, _NEAR = 40, 2
 
 
 def disagreement(lf: LightField, disparity: NDArray[Any], *, engine: Engine | None = None) -> Array:
@@ -52,3 +55,43 @@ def disagreement(lf: LightField, disparity: NDArray[Any], *, engine: Engine | No
     count = seen.sum(axis=0)
     typical = change[np.minimum(count // 2, len(change) - 1), np.arange(len(chosen))]
     return np.asarray((typical / contrast[at])[count > 4], np.float64)
+
+
+def likeness(
+    lf: LightField, points: NDArray[np.int64], disparity: Array, engine: Engine
+) -> NDArray[np.float64]:
+    """How far views show at points, moved by their disparity, what the reference view shows there.
+
+    Correlated are differences to the surroundings of the points, which brightness does not change.
+
+    Parameters
+    ----------
+    points, disparity
+        (N, 2) pixels of the reference view, (N,) px per view step.
+
+    Returns
+    -------
+    (V, U) array, up to 1 for views that do, about 0 for foreign ones, NaN where too few points are seen.
+    """
+    inner = ((points >= _EDGE) & (points < np.array(lf.shape[2:4]) - _EDGE)).all(axis=1)
+    points, disparity = points[inner], disparity[inner]
+    around = np.array([(0, 0), (0, _NEAR), (0, -_NEAR), (_NEAR, 0), (-_NEAR, 0)])
+    places = (points + around[:, None]).reshape(-1, 2)
+    levels, valid = engine.window_means(engine.views(lf), places, np.tile(disparity, len(around)), 1)
+    grey = (luma(levels) / np.float32(lf.full_scale)).reshape(len(levels), len(around), -1)
+    seen = np.asarray(valid.all(axis=-1)).reshape(grey.shape)
+    contrast, both = grey[:, 1:] - grey[:, :1], seen[:, 1:] & seen[:, :1]
+    centre = lf.centre[0] * lf.shape[1] + lf.centre[1]
+    strong = np.abs(contrast[centre]) > _CONTRAST
+    result = np.full(len(levels), np.nan)
+    for view in range(len(levels)):
+        used = both[view] & both[centre] & strong
+        if lf.available.flat[view] and np.count_nonzero(used) >= _FEWEST:
+            result[view] = _correlation(contrast[view][used], contrast[centre][used])
+    return result.reshape(lf.shape[:2])
+
+
+def _correlation(one: NDArray[np.float32], other: NDArray[np.float32]) -> float:
+    """Cosine of the angle between two lists of numbers."""
+    scale = float(np.sqrt((one @ one) * (other @ other)))
+    return float(one @ other) / scale if scale else 0.0
