@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from lfdepth.engines import using
 from lfdepth.engines.base import Engine
 from lfdepth.lightfield import LightField, grid_offsets
-from lfdepth.probe.agreement import likeness
+from lfdepth.probe.agreement import likeness, share_in_place
 from lfdepth.probe.evening import Shades, measure_shades
 from lfdepth.probe.matching import (
     LIMIT,
@@ -49,11 +49,8 @@ _SIDES = 256, 512
 _RINGS = 1.0, 0.5
 # Least share of the pixels that tell the orders apart; of them, least share that has to agree.
 _DECISIVE, _AGREEING = 0.02, 0.6
-# Least share of the views that have to show what the reference view shows; how alike that is; most points.
-_IN_PLACE, _ALIKE, _TESTED = 0.7, 0.5, 500
-# Differences in likeness that are none; how far it may rise and fall along a line of views, of its extent:
-# 2 is usual, 4 the most seen in clean scenes, 8 the least in 8×8 views read as 16×4 or 64×1.
-_STEADY, _RIPPLES = 0.1, 6.0
+# Least share of the views that have to show what the reference view shows; most points.
+_IN_PLACE, _TESTED = 0.7, 500
 # Serpentine order: shorter side of the views that are compared; pairs of rows at most; by how much views that
 # would be neighbours have to be more alike, and in which share of the pairs.
 _SIDE_OF_NEIGHBOURS, _PAIRS, _MORE_ALIKE, _OFTEN = 96, 6, 0.85, 0.8
@@ -310,24 +307,7 @@ def _share_in_place(lf: LightField, order: Order, probe: Probe, found: Match, en
     points = np.asarray((places + 0.5) * probe.shrink, np.int64)
     ordered = replace(lf, positions=order.of(lf.offsets) - grid_offsets((lf.shape[0], lf.shape[1])))
     alike = likeness(ordered, points, found.disparity[tuple(places.T)].astype(np.float64), engine)
-    known = alike[np.isfinite(alike)]
-    if not known.size:
-        return 1.0
-    return 0.0 if _ripples(alike) else float((known > _ALIKE).mean())
-
-
-def _ripples(alike: NDArray[np.float64]) -> bool:
-    """Whether likeness (V, U) rises and falls along rows or columns of views more than once.
-
-    It falls towards the ends of the grid. Where the grid is not the one that the views were taken on, it
-    repeats with the true rows.
-    """
-    known = alike[np.isfinite(alike)]
-    extent = float(np.quantile(known, 0.95) - np.quantile(known, 0.05))
-    if extent < _STEADY:
-        return False
-    paths = [float(np.nanmean(np.nansum(np.abs(np.diff(alike, axis=axis)), axis=axis))) for axis in (0, 1)]
-    return max(paths) > _RIPPLES * extent
+    return share_in_place(alike)
 
 
 def _remedies(lf: LightField, order: Order) -> tuple[Reordering, Reordering]:

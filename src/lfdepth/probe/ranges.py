@@ -129,8 +129,14 @@ def find_range(
             f"outermost view moves by {limit * probe.reach:.0f} px; expected them within; "
             "give --range MIN MAX (range=(min, max) in Python)"
         )
-    margin = min(_MARGIN * probe.unit, _WIDEST_MARGIN)
-    return found[0] - margin, found[1] + margin
+    room = margin(lf)
+    return found[0] - room, found[1] + room
+
+
+def margin(lf: LightField) -> float:
+    """How far beyond the outermost surfaces the range ends that is found, px per view step."""
+    reach = float(np.abs(lf.offsets[lf.available]).max())
+    return min(_MARGIN * shrink_to(lf, _FINE_SIDE) / reach, _WIDEST_MARGIN)
 
 
 def _reaches_beyond(lf: LightField, limit: float, engine: Engine) -> bool:
