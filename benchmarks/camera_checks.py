@@ -5,8 +5,8 @@
 
 Broken ones are a rectangle and a disc before a slanted wall, spoiled as real cameras or wrong options would
 be, estimated with every mend switched off. Clean ones are the procedural scenes with several seeds, sizes and
-grids, and, where they are, the benchmark's scenes and a picture of a plenoptic camera. Exits with 1 if a broken
-one is silent or a clean one is not.
+grids, and, where they are, the benchmark's scenes and a picture of a plenoptic camera. Exits with 1 if a
+broken one is silent or a clean one is not.
 """
 
 from __future__ import annotations

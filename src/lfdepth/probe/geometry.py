@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from lfdepth.engines import using
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField, grid_offsets, luma
+from lfdepth.probe.brightness import first_map
 from lfdepth.probe.matching import Probe, make_probe, match, plane_range, shrink_to
 
 if TYPE_CHECKING:
@@ -182,6 +183,32 @@ def measure_off_grid(
     if likeness < _LIKENESS:
         return 0.0
     return float(np.sqrt(max(float(np.median(one * other)) / _MEDIAN_OF_SQUARES, 0.0)))
+
+
+def stray(
+    lf: LightField, range: tuple[float, float], *, threads: int | None = None, engine: Engine | None = None
+) -> float:
+    """`measure_off_grid` by a coarse map, before any estimate.
+
+    Parameters
+    ----------
+    lf
+        Light field, of equal brightness.
+    range
+        (min, max) disparity, px per view step.
+    threads
+        Number of threads; None takes every processor.
+    engine
+        Engine to use instead of the default one.
+    """
+    with using(engine, threads=threads) as used:
+        coarse = first_map(lf, range, used)
+        if coarse is None:
+            return 0.0
+        rows, columns = (
+            np.arange(size) * part // size for size, part in zip(lf.shape[2:4], coarse.shape, strict=True)
+        )
+        return measure_off_grid(lf, coarse[rows[:, None], columns], engine=used)
 
 
 def refine_positions(
