@@ -127,9 +127,25 @@ def test_disparities_at_the_limit_are_refused() -> None:
         lfdepth.find_range(lf, limit=10)
 
 
-@pytest.mark.parametrize("name", ["demo", "fence", "bars", "strips", "leaves", "sphere", "noise-1"])
-def test_nothing_is_warned_of_where_nothing_is_wrong(name: str) -> None:
-    lf = scenes.render(name, size=128, views=9, seed=3, samples=2)
+@pytest.mark.parametrize(
+    ("name", "size", "views", "seed"),
+    [
+        ("demo", 128, 9, 3),
+        ("demo", 128, 5, 2),
+        ("fence", 96, 9, 1),
+        ("fence", 128, 3, 3),
+        ("bars", 96, 9, 1),
+        ("strips", 128, 3, 3),
+        ("leaves", 128, 9, 3),
+        ("sphere", 128, 9, 3),
+        ("noise-1", 128, 9, 3),
+        ("range-1", 96, 9, 1),
+        ("range-4", 128, 3, 3),
+        ("specks", 96, 9, 1),
+    ],
+)
+def test_nothing_is_warned_of_where_nothing_is_wrong(name: str, size: int, views: int, seed: int) -> None:
+    lf = scenes.render(name, size=size, views=views, seed=seed, samples=2)
     result = lfdepth.estimate(lf)
     assert result.checks is not None
     assert result.checks.warnings == ()
@@ -140,9 +156,61 @@ def test_views_in_another_order_are_warned_of() -> None:
     swapped = replace(lf, views=np.ascontiguousarray(lf.views.transpose(1, 0, 2, 3, 4)))
     result = lfdepth.estimate(swapped, range=RANGE)
     assert result.checks is not None
-    assert any("order of the views" in warning for warning in result.checks.warnings)
+    assert any("not in the expected order" in warning for warning in result.checks.warnings)
 
 
 def test_a_ratio_that_is_none() -> None:
     with pytest.raises(LightFieldError, match="aspect: found 0"):
         lfdepth.with_aspect(field(grid_offsets(GRID)), 0)
+
+
+@pytest.mark.parametrize("part", [1 / 3, 2 / 3])
+def test_a_front_that_moves_by_a_large_part_of_the_picture_is_found(part: float) -> None:
+    lf = field(grid_offsets((1, 101)), part * 160 / 100, -0.2, (48, 160), (1, 101))
+    result = lfdepth.estimate(lf)
+    assert abs(result.range[1] - part * 1.6) < 0.02
+    assert bad_pixels(result.disparity, lf) < 4
+    assert result.checks is not None
+    assert result.checks.warnings == ()
+
+
+def said(lf: LightField, **options: Any) -> str:
+    checks = lfdepth.estimate(lf, "fbs-sfa", range=RANGE, **options).checks
+    assert checks is not None
+    return " | ".join(checks.warnings)
+
+
+def test_rows_that_run_back_are_warned_of() -> None:
+    lf = field(grid_offsets(GRID))
+    views = lf.views.copy()
+    views[1::2] = views[1::2, ::-1]
+    assert "expected order" in said(replace(lf, views=views))
+
+
+@pytest.mark.parametrize("name", ["demo", "sphere", "solids", "wedges"])
+def test_orders_are_warned_of_where_the_range_is_given(name: str) -> None:
+    """Then the order is not looked at beforehand."""
+    lf = scenes.render(name, size=96, views=9, seed=1, samples=2)
+    checks = lfdepth.estimate(replace(lf, views=np.ascontiguousarray(lf.views[:, ::-1])), "fbs").checks
+    assert checks is not None
+    assert any("not in the expected order" in words for words in checks.warnings)
+
+
+@pytest.mark.parametrize("bits", [10, 12])
+def test_samples_that_fill_part_of_their_type_are_warned_of(bits: int) -> None:
+    lf = field(grid_offsets(GRID))
+    assert "--white-level" in said(replace(lf, views=(lf.views.astype(np.uint16) * 257) >> (16 - bits)))
+
+
+@pytest.mark.parametrize("grid", [(49, 1), (1, 49)])
+def test_another_number_of_rows_is_warned_of(grid: tuple[int, int]) -> None:
+    lf = field(grid_offsets(GRID))
+    assert "number of rows and columns" in said(
+        LightField(np.ascontiguousarray(lf.views.reshape(*grid, *lf.shape[2:])))
+    )
+
+
+def test_a_range_beside_the_scene_is_said_first() -> None:
+    result = lfdepth.estimate(field(grid_offsets(GRID)), "fbs-sfa", range=(2.0, 4.0))
+    assert result.checks is not None
+    assert "ends of the range" in result.checks.warnings[0]

@@ -20,6 +20,7 @@ from lfdepth.errors import LightFieldError
 from lfdepth.io import read
 from lfdepth.lightfield import LightField
 from lfdepth.probe.order import AS_STORED, Reordering, check_orientation
+from lfdepth.scenes.cameras import Imperfections, spoil
 
 EIGHT = [Reordering(*flags) for flags in product((False, True), repeat=3)]
 TELLING = (
@@ -203,3 +204,69 @@ def test_reading_warns_if_it_cannot_tell(tmp_path: Path) -> None:
     with pytest.warns(UserWarning, match=r"wall.npy: .*undecided") as warned:
         read(tmp_path / "wall.npy", check=True)
     assert warned[0].filename == __file__
+
+
+SPOILED = Imperfections(
+    gain=0.1, offset=0.02, white_balance=0.05, falloff=0.6, vignetting=0.7, wandering=0.3, noise=0.002
+)
+
+
+@pytest.mark.parametrize("name", ["cotton", "backgammon"])
+def test_all_eight_orders_are_told_where_brightness_differs(name: str, data_folder: Path) -> None:
+    lf = spoil(read(data_folder / "hci4d" / name, crop=(130, 130, 192, 192)), SPOILED)
+    assert [found(disordered(lf, mends)) for mends in EIGHT] == EIGHT
+
+
+@pytest.mark.parametrize("mends", EIGHT[::2])
+def test_order_is_told_where_brightness_differs(mends: Reordering) -> None:
+    lf = scenes.render("leaves", size=128, views=9, seed=1, samples=1)
+    assert found(disordered(spoil(lf, SPOILED), mends)) == mends
+
+
+def wound(lf: LightField) -> LightField:
+    views = lf.views.copy()
+    views[1::2] = views[1::2, ::-1]
+    return replace(lf, views=views, truth=None, masks={})
+
+
+@pytest.mark.parametrize("grid", [(9, 9), (7, 7), (3, 3), (4, 6), (5, 3)])
+@pytest.mark.parametrize("name", ["leaves", "room"])
+def test_rows_that_run_back_are_told(name: str, grid: tuple[int, int], tmp_path: Path) -> None:
+    lf = scenes.render(name, size=96, views=grid, seed=1, samples=1)
+    np.save(tmp_path / "wound.npy", wound(lf).views)
+    advice = check_orientation(read(tmp_path / "wound.npy"))
+    assert advice.wrong
+    assert advice.reordering == Reordering(serpentine=True)
+    assert "use --serpentine" in advice.message
+    assert not check_orientation(read(tmp_path / "wound.npy", serpentine=True)).wrong
+
+
+@pytest.mark.parametrize("mends", EIGHT)
+def test_rows_that_run_back_in_a_grid_of_another_order(mends: Reordering, tmp_path: Path) -> None:
+    """Whatever options the file was read with, the advice leads to views in order."""
+    lf = scenes.render("leaves", size=96, views=(5, 6), seed=1, samples=1)
+    np.save(tmp_path / "wound.npy", wound(disordered(lf, mends)).views)
+    options: Any
+    for options in ({}, {"flip_v": True}, {"transpose": True}, {"serpentine": True, "flip_u": True}):
+        got = check_orientation(read(tmp_path / "wound.npy", **options), applied=Reordering(**options))
+        assert got.reordering == replace(mends, serpentine=True)
+    right: Any = {name: True for name, needed in vars(got.reordering).items() if needed}
+    assert read(tmp_path / "wound.npy", check=True, **right).shape == lf.shape
+
+
+def test_what_wrongly_is_read_as_serpentine_is_told(tmp_path: Path) -> None:
+    np.save(tmp_path / "lf.npy", scenes.render("leaves", size=96, views=5, seed=1, samples=1).views)
+    with pytest.raises(LightFieldError, match="; leave out --serpentine; in Python"):
+        read(tmp_path / "lf.npy", check=True, serpentine=True)
+
+
+@pytest.mark.parametrize("grid", [(64, 1), (1, 64), (16, 4)])
+@pytest.mark.parametrize("name", ["leaves", "room", "noise-3", "bars"])
+def test_nothing_is_advised_that_would_not_help(name: str, grid: tuple[int, int]) -> None:
+    """A picture of 8×8 tiles that was read with another number of rows and columns."""
+    lf = scenes.render(name, size=96, views=8, seed=1, samples=1)
+    got = check_orientation(LightField(np.ascontiguousarray(lf.views.reshape(*grid, *lf.shape[2:]))))
+    assert not got.order_decided
+    assert not got.wrong
+    assert "in no order do the views agree" in got.message
+    assert "--flip" not in got.message

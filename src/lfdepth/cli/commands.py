@@ -253,7 +253,9 @@ def info(
     brightness = lfdepth.measure_brightness(lf) if orientation and not orientation.wrong else None
     equal = lf if brightness is None else lfdepth.equalise(lf, brightness)
     found, problem = _search_range(equal, orientation)
-    report(scene_facts(lf, orientation, found, problem, brightness), as_json, scene_text)
+    ends = lf.disparity_range or found
+    geometry = _geometry(equal, ends) if orientation and not orientation.wrong and ends else None
+    report(scene_facts(lf, orientation, found, problem, brightness, geometry), as_json, scene_text)
 
 
 @app.command(sort_key=5)
@@ -497,6 +499,22 @@ def _search_range(
         return find_range(lf), None
     except LightFieldError as error:
         return None, str(error)
+
+
+def _geometry(lf: LightField, range: tuple[float, float]) -> tuple[float | None, float]:
+    """Vertical over horizontal steps, None where the views do not tell, and how far off the grid they are."""
+    from lfdepth.probe.geometry import measure_aspect, stray
+
+    aspect = measure_aspect(lf, range)
+    straight = lf if aspect is None or lf.positions is not None else _with_measured(lf, aspect)
+    return aspect, stray(straight, range)
+
+
+def _with_measured(lf: LightField, aspect: float) -> LightField:
+    """The light field with the ratio of steps that was measured, where it is one."""
+    import lfdepth
+
+    return lf if aspect == 1 else lfdepth.with_aspect(lf, aspect)
 
 
 def _check_output(output: Path, lf: LightField, quantity: Quantity, mesh: bool) -> None:

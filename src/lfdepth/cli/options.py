@@ -204,7 +204,9 @@ class Reading:
         """Test on the pixels whether the views that were read so are in order."""
         from lfdepth.probe.order import Reordering, check_orientation
 
-        return check_orientation(lf, applied=Reordering(self.transpose, self.flip_v, self.flip_u))
+        return check_orientation(
+            lf, applied=Reordering(self.transpose, self.flip_v, self.flip_u, self.serpentine)
+        )
 
     def require_order(self, lf: LightField) -> None:
         """Raise LightFieldError if a range would be looked for in views whose order is wrong."""

@@ -139,8 +139,12 @@ def scene_facts(
     found: tuple[float, float] | None,
     problem: str | None,
     brightness: Equalisation | None = None,
+    geometry: tuple[float | None, float] | None = None,
 ) -> Facts:
-    """What is known of a light field, with the range that was `found` for it, or the `problem` with that."""
+    """What is known of a light field, with the range that was `found` for it, or the `problem` with that.
+
+    `geometry` is the ratio of steps, and how far views stand off their places, as measured in the views.
+    """
     import numpy as np
 
     ends = lf.disparity_range or found
@@ -160,6 +164,8 @@ def scene_facts(
         "truth_share": None if lf.truth is None else float(np.isfinite(lf.truth).mean()),
         "masks": sorted(lf.masks),
         "white_level": lf.white_level,
+        "measured_aspect": geometry and geometry[0],
+        "measured_off_grid": geometry and geometry[1],
         "off_grid": None if lf.positions is None else float(np.abs(lf.positions).max()),
         "remarks": list(lf.remarks),
     }
@@ -175,6 +181,8 @@ def scene_text(facts: Facts) -> str:
             "views": f"{_shape_text(facts['shape'])}, {facts['dtype']}{absent}",
             "order": facts["order"]["message"] if facts["order"] else "not checked",
             "brightness": facts["brightness"]["message"] if facts["brightness"] else "not checked",
+            "white": _white_text(facts["white_level"]),
+            "geometry": _geometry_text(facts["measured_aspect"], facts["measured_off_grid"]),
             "range": _scene_range_text(facts),
             "depth": f"{depth[0]:.3g} to {depth[1]:.3g} m" if depth else "unknown",
             "camera": _camera_text(camera) if camera else "unknown",
@@ -205,6 +213,26 @@ def _positions_line(off_grid: float | None) -> dict[str, str]:
     if off_grid is None:
         return {}
     return {"cameras": f"up to {100 * off_grid:.2g} % of a view step off the regular grid"}
+
+
+def _white_text(level: float | None) -> str:
+    return "full scale" if level is None else f"at {level:g} in the file"
+
+
+def _geometry_text(aspect: float | None, off_grid: float | None) -> str:
+    """What the views say of where they stand, and the options that make up for it."""
+    from lfdepth.probe.geometry import NOTABLE_ASPECT, NOTABLE_POSITIONS
+
+    if off_grid is None:
+        return "not checked"
+    words = []
+    if aspect is None:
+        words.append("ratio of steps not measured, rows and columns of views share too little")
+    elif abs(aspect - 1) > NOTABLE_ASPECT:
+        words.append(f"vertical steps {aspect:.2f} of the horizontal ones, use --aspect {aspect:.2f}")
+    if off_grid > NOTABLE_POSITIONS:
+        words.append(f"views {100 * off_grid:.0f} % of a step off their places, use --refine-positions")
+    return "; ".join(words) or "steps are equal, views stand in their places"
 
 
 def _remark_lines(remarks: Sequence[str]) -> dict[str, str]:

@@ -255,7 +255,7 @@ def _check_order(lf: LightField, path: Path, selection: Selection) -> None:
     """Raise LightFieldError if the views are in another order, warn if that cannot be told."""
     from lfdepth.probe.order import Reordering, check_orientation
 
-    applied = Reordering(selection.transpose, selection.flip_v, selection.flip_u)
+    applied = Reordering(selection.transpose, selection.flip_v, selection.flip_u, selection.serpentine)
     found = check_orientation(lf, applied=applied)
     if found.wrong:
         raise LightFieldError(f"{path}: {found.message}; in Python {found.reordering.call}")

@@ -186,11 +186,11 @@ def measure_brightness(
         return _unknown(lf)
     with using(engine, threads=threads) as used:
         if disparity is None:
-            disparity = _first_map(lf, range, used)
+            disparity = first_map(lf, range, used)
         return _fitted(lf, disparity, used)
 
 
-def _first_map(
+def first_map(
     lf: LightField, range: tuple[float, float] | None, engine: Engine
 ) -> NDArray[np.float32] | None:
     """Coarse disparity by local contrast, of any size, NaN where it is not certain; None if there is none."""

@@ -49,6 +49,11 @@ class Order:
     transposed: bool = False
     mirrored: bool = False
 
+    def of(self, offsets: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Rows and columns (…, 2) of views, counted from the reference view, if they are taken so."""
+        grid = offsets[..., ::-1] if self.transposed else offsets
+        return np.asarray(grid * np.array([1, -1 if self.mirrored else 1]), np.float64)
+
 
 IN_ORDER = Order()
 
@@ -89,8 +94,7 @@ class Probe:
 
     def ordered(self, order: Order) -> NDArray[np.float64]:
         """(N, 2) rows and columns of the views where the grid is taken in another order."""
-        grid = self.offsets[:, ::-1] if order.transposed else self.offsets
-        return np.asarray(grid * np.array([1, -1 if order.mirrored else 1]), np.float64)
+        return order.of(self.offsets)
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,7 +190,7 @@ def make_probe(
     places = _ring_offsets(lf, rings)
     offsets = lf.offsets[v + places[:, 0], u + places[:, 1]]
     margin = int(np.ceil(limit * float(np.abs(offsets).max()) / shrink)) + 2
-    prepared = _contrast if contrast else _prepared
+    prepared = local_contrast if contrast else _prepared
     reference = prepared(lf, (v, u), shrink)
     views = np.empty((len(offsets), reference.shape[0], reference.shape[1] + 2 * margin), np.float32)
     for view, (down, across) in zip(views, places, strict=True):
@@ -289,15 +293,20 @@ def _prepared(lf: LightField, index: tuple[int, int], shrink: int) -> NDArray[np
     """Grey levels of a view, shrunk, then smoothed by (1, 2, 1)/4: then sampling hardly blurs it."""
     grey = luma(lf.views[index]) * np.float32(255 / lf.full_scale)
     if shrink > 1:
-        height, width = (n // shrink for n in grey.shape)
-        blocks = grey[: height * shrink, : width * shrink].reshape(height, shrink, width, shrink)
-        grey = blocks.mean(axis=(1, 3), dtype=np.float32)
+        grey = _shrunk(_shrunk(grey, shrink).T, shrink).T
     padded = np.pad(grey, 1, "edge")
     columns: NDArray[np.float32] = (padded[:-2] + 2 * padded[1:-1] + padded[2:]) / np.float32(4)
     return np.asarray((columns[:, :-2] + 2 * columns[:, 1:-1] + columns[:, 2:]) / np.float32(4))
 
 
-def _contrast(lf: LightField, index: tuple[int, int], shrink: int) -> NDArray[np.float32]:
+def _shrunk(grey: NDArray[np.float32], shrink: int) -> NDArray[np.float32]:
+    """Means of so many neighbouring rows."""
+    height = len(grey) // shrink
+    rows = [grey[first : height * shrink : shrink] for first in range(shrink)]
+    return np.asarray(sum(rows[1:], rows[0]) / np.float32(shrink))
+
+
+def local_contrast(lf: LightField, index: tuple[int, int], shrink: int) -> NDArray[np.float32]:
     """Difference of a prepared view to its surroundings, as a share of those, in 1/100."""
     grey = _prepared(lf, index, shrink)
     around = box_mean(grey, _SURROUNDINGS)

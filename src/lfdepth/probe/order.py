@@ -6,30 +6,42 @@ views agree with the reference view.
 
 Sign: if rows and columns are both reversed, all disparities change their sign and the views agree as before.
 Which sign is right shows where surfaces hide each other: the nearer one, of larger disparity, has to win.
+
+Serpentine order: where every second row of views runs back, the first views of two rows stand at opposite
+ends of the grid, and differ more than the first of one does from the last of the other.
+
+All of it is to hold where brightness differs between the views: orders are compared by local contrast, and
+for the sign the views are made alike first. What is found counts only if nearly all views then show what the
+reference view shows.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfdepth.engines import using
 from lfdepth.engines.base import Engine
-from lfdepth.lightfield import LightField
+from lfdepth.lightfield import LightField, grid_offsets
+from lfdepth.probe.agreement import likeness, share_in_place
+from lfdepth.probe.evening import Shades, measure_shades
 from lfdepth.probe.matching import (
+    LIMIT,
     Match,
     Order,
     Probe,
     better,
+    local_contrast,
     make_probe,
     match,
     plane_range,
     shrink_to,
     widest,
 )
-from lfdepth.probe.ranges import coarse_range
+from lfdepth.probe.ranges import COARSE, SLACK, coarse_range, ends
 
 # Shorter side, px, of the views that are compared; for the sign, larger ones if the first do not decide it.
 _SIDES = 256, 512
@@ -37,6 +49,11 @@ _SIDES = 256, 512
 _RINGS = 1.0, 0.5
 # Least share of the pixels that tell the orders apart; of them, least share that has to agree.
 _DECISIVE, _AGREEING = 0.02, 0.6
+# Least share of the views that have to show what the reference view shows; most points.
+_IN_PLACE, _TESTED = 0.7, 500
+# Serpentine order: shorter side of the views that are compared; pairs of rows at most; by how much views that
+# would be neighbours have to be more alike, and in which share of the pairs.
+_SIDE_OF_NEIGHBOURS, _PAIRS, _MORE_ALIKE, _OFTEN = 96, 6, 0.85, 0.8
 # Least number of occlusions; least share of them that has to agree.
 _FEWEST, _MAJORITY = 40, 0.7
 # Grey levels of 255: at most what a visible surface mispredicts a view by; at least what a hidden one does.
@@ -52,23 +69,48 @@ class Reordering:
     transpose: bool = False
     flip_v: bool = False
     flip_u: bool = False
+    serpentine: bool = False
 
     @property
     def options(self) -> str:
         """The options of the command line, such as "--transpose --flip-u"; empty if nothing is done."""
-        named = {"--transpose": self.transpose, "--flip-v": self.flip_v, "--flip-u": self.flip_u}
+        named = {
+            "--serpentine": self.serpentine,
+            "--transpose": self.transpose,
+            "--flip-v": self.flip_v,
+            "--flip-u": self.flip_u,
+        }
         return " ".join(option for option, needed in named.items() if needed)
 
     @property
     def call(self) -> str:
         """The same in Python, such as "read(path, transpose=True, flip_u=True)"."""
-        named = {"transpose": self.transpose, "flip_v": self.flip_v, "flip_u": self.flip_u}
+        named = {
+            "serpentine": self.serpentine,
+            "transpose": self.transpose,
+            "flip_v": self.flip_v,
+            "flip_u": self.flip_u,
+        }
         return f"read({', '.join(['path', *(f'{name}=True' for name, needed in named.items() if needed)])})"
 
     def then(self, other: Reordering) -> Reordering:
-        """What does the same as this one and then the other."""
+        """What does the same as this one and then the other, which is not serpentine."""
         flip_v, flip_u = (self.flip_u, self.flip_v) if other.transpose else (self.flip_v, self.flip_u)
-        return Reordering(self.transpose != other.transpose, flip_v != other.flip_v, flip_u != other.flip_u)
+        return Reordering(
+            self.transpose != other.transpose,
+            flip_v != other.flip_v,
+            flip_u != other.flip_u,
+            self.serpentine,
+        )
+
+    def undone(self, lf: LightField) -> LightField:
+        """The views of a light field that was read so, in the rows in which they are stored."""
+
+        def stored(grid: NDArray[Any]) -> NDArray[Any]:
+            grid = grid[:: -1 if self.flip_v else 1, :: -1 if self.flip_u else 1]
+            return grid.swapaxes(0, 1) if self.transpose else grid
+
+        return LightField(stored(lf.views), present=stored(lf.available), name=lf.name)
 
 
 AS_STORED = Reordering()
@@ -92,6 +134,9 @@ class Orientation:
         Of the occlusions, the share that is for one of the signs, 0.5 to 1.
     order_decided, sign_decided
         Whether there are enough pixels and occlusions, and enough of them agree.
+    in_place
+        Share of the views that show what the reference view shows, once they are in the best order; 0 where
+        that repeats along the grid.
     """
 
     reordering: Reordering
@@ -101,6 +146,7 @@ class Orientation:
     sign_evidence: float
     order_decided: bool
     sign_decided: bool
+    in_place: float = 1.0
 
     @property
     def decided(self) -> bool:
@@ -117,6 +163,12 @@ class Orientation:
     def message(self) -> str:
         """What was found and what to do about it, in one line."""
         if not self.order_decided:
+            if self.in_place < _IN_PLACE:
+                return (
+                    "in no order do the views agree with one another; check the number of rows and columns "
+                    "(--grid), how the views are numbered, the format (--format), and whether they all show "
+                    "one scene at one time"
+                )
             return (
                 "order of the views undecided, hardly anything moves with the grid in any order; check the "
                 "number of its rows and columns and how its views are numbered"
@@ -168,37 +220,94 @@ def check_orientation(
     LightFieldError
         If no view in line with the reference view is present.
     """
-    limit = widest(lf)
-    probe = make_probe(lf, limit, shrink_to(lf, _SIDES[0]), _RINGS)
     with using(engine, threads=threads) as used:
-        order, agreeing, decisive = _find_order(probe, limit, used)
-        span = coarse_range(probe, limit, used, order)
-        sign = _Sign() if span is None else _find_sign(lf, span, order, used)
+        if lf.positions is None and _runs_back(lf, applied):
+            base = Reordering(serpentine=not applied.serpentine)
+            return _ordered(_unwound(applied.undone(lf)), base, applied, used)
+        return _ordered(lf, applied, applied, used)
+
+
+def _ordered(lf: LightField, base: Reordering, applied: Reordering, engine: Engine) -> Orientation:
+    """What the pixels say of views that were read with `base`, every row in one direction."""
+    limit = widest(lf)
+    probe = make_probe(lf, limit, shrink_to(lf, _SIDES[0]), _RINGS, contrast=True)
+    order, found, agreeing, decisive = _find_order(probe, limit, engine)
+    in_place = _share_in_place(lf, order, probe, found, engine)
+    decided = decisive >= _DECISIVE and agreeing >= _AGREEING and in_place >= _IN_PLACE
+    sign = _find_sign(lf, order, found, probe, limit, engine) if decided else _Sign()
     expected, opposite = _remedies(lf, order)
     if sign.decided and sign.far_wins > sign.near_wins:
         expected, opposite = opposite, expected
     return Orientation(
-        reordering=applied.then(expected),
-        opposite=applied.then(opposite),
+        reordering=base.then(expected),
+        opposite=base.then(opposite),
         applied=applied,
         order_evidence=agreeing,
         sign_evidence=sign.majority,
-        order_decided=decisive >= _DECISIVE and agreeing >= _AGREEING,
+        order_decided=decided,
         sign_decided=sign.decided,
+        in_place=in_place,
     )
 
 
-def _find_order(probe: Probe, limit: float, engine: Engine) -> tuple[Order, float, float]:
-    """The best order, the share of decisive pixels that are for it, and the share of decisive ones."""
+def _runs_back(lf: LightField, applied: Reordering) -> bool:
+    """Whether every second row of views, as they are stored, runs the other way."""
+    columns = applied.transpose
+    rows, length = lf.shape[1::-1] if columns else lf.shape[:2]
+    if min(rows, length) < 2:
+        return False
+    shrink = shrink_to(lf, _SIDE_OF_NEIGHBOURS)
+    first = max(0, (rows - 1 - _PAIRS) // 2)
+    seen: dict[tuple[int, int], NDArray[np.float32] | None] = {}
+
+    def view(row: int, place: int) -> NDArray[np.float32] | None:
+        index = (place, row) if columns else (row, place)
+        if index not in seen:
+            seen[index] = local_contrast(lf, index, shrink) if lf.available[index] else None
+        return seen[index]
+
+    pairs = []
+    for row in range(first, min(rows - 1, first + _PAIRS)):
+        for place in (0, length - 1):
+            own, straight, back = view(row, place), view(row + 1, place), view(row + 1, length - 1 - place)
+            if own is not None and straight is not None and back is not None:
+                pairs.append(_apart(own, back) < _MORE_ALIKE * _apart(own, straight))
+    return len(pairs) > 1 and float(np.mean(pairs)) >= _OFTEN
+
+
+def _apart(one: NDArray[np.float32], other: NDArray[np.float32]) -> float:
+    return float(np.minimum(np.abs(one - other), LIMIT).mean())
+
+
+def _unwound(lf: LightField) -> LightField:
+    """The same with every second row of views reversed."""
+    views, present = lf.views.copy(), lf.available.copy()
+    views[1::2], present[1::2] = lf.views[1::2, ::-1], lf.available[1::2, ::-1]
+    return replace(lf, views=views, present=present)
+
+
+def _find_order(probe: Probe, limit: float, engine: Engine) -> tuple[Order, Match, float, float]:
+    """The best order, what was found with it, and the shares of decisive pixels for it, and of all."""
     planes = plane_range(-limit, limit, probe.unit)
     mirrored = (False, True) if probe.offsets.any(axis=0).all() else (False,)  # one row has only a sign
     orders = [Order(transposed, mirror) for transposed in (False, True) for mirror in mirrored]
-    costs = np.stack([match(probe, planes, engine, order).cost for order in orders])
+    found = [match(probe, planes, engine, order) for order in orders]
+    costs = np.stack([each.cost for each in found])
     first, second = np.partition(costs, 1, axis=0)[:2]
     decisive = better(first, second)
     votes = np.bincount(costs.argmin(axis=0)[decisive], minlength=len(orders))
     best = int(votes.argmax())
-    return orders[best], float(votes[best] / max(votes.sum(), 1)), float(decisive.mean())
+    return orders[best], found[best], float(votes[best] / max(votes.sum(), 1)), float(decisive.mean())
+
+
+def _share_in_place(lf: LightField, order: Order, probe: Probe, found: Match, engine: Engine) -> float:
+    """Share of the views that show what the reference view shows; 1 where too little can tell."""
+    places = np.argwhere(found.coherent(0.5 * probe.unit, 4))
+    places = places[:: max(1, -(-len(places) // _TESTED))]
+    points = np.asarray((places + 0.5) * probe.shrink, np.int64)
+    ordered = replace(lf, positions=order.of(lf.offsets) - grid_offsets((lf.shape[0], lf.shape[1])))
+    alike = likeness(ordered, points, found.disparity[tuple(places.T)].astype(np.float64), engine)
+    return share_in_place(alike)
 
 
 def _remedies(lf: LightField, order: Order) -> tuple[Reordering, Reordering]:
@@ -226,14 +335,27 @@ class _Sign:
         return self.near_wins + self.far_wins >= _FEWEST and self.majority >= _MAJORITY
 
 
-def _find_sign(lf: LightField, span: tuple[float, float], order: Order, engine: Engine) -> _Sign:
-    """Compare the occlusions of surfaces within a range of disparities."""
+def _find_sign(
+    lf: LightField, order: Order, found: Match, probe: Probe, limit: float, engine: Engine
+) -> _Sign:
+    """Compare the occlusions of surfaces, all views made as bright as the reference view."""
+    outer = ends(found, probe.unit, COARSE)
+    if outer is None:
+        span = coarse_range(probe, limit, engine, order)
+    else:
+        span = outer[0] - SLACK * probe.unit, outer[1] + SLACK * probe.unit
     sign = _Sign()
+    if span is None:
+        return sign
+    shades: Shades | None = None
     for shrink in dict.fromkeys(shrink_to(lf, side) for side in _SIDES):
-        probe = make_probe(lf, max(-span[0], span[1]), shrink, _RINGS)
-        found = match(probe, plane_range(*span, probe.unit / 2), engine, order, halves=True)
-        pixels = _Pixels(probe, found, order)
-        counts = [pixels.occlusions(view) for view in range(len(probe.views))]
+        grey = make_probe(lf, max(-span[0], span[1]), shrink, _RINGS)
+        if shades is None:
+            shades = measure_shades(grey, found, order)
+        grey = shades.evened(grey)
+        closer = match(grey, plane_range(*span, grey.unit / 2), engine, order, halves=True)
+        pixels = _Pixels(grey, closer, order)
+        counts = [pixels.occlusions(view) for view in range(len(grey.views))]
         sign = _Sign(sum(near for near, _ in counts), sum(far for _, far in counts))
         if sign.decided:
             break

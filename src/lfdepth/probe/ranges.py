@@ -45,7 +45,7 @@ class Evidence:
 
 
 # Little of a thin structure is left in shrunk views, and an end too far out only costs time.
-_COARSE = Evidence(share=5e-4, neighbours=2)
+COARSE = Evidence(share=5e-4, neighbours=2)
 _FINE = Evidence(share=1.5e-3, neighbours=6)
 # Of a surface that is seen only through the gaps of another, no pixel has that many neighbours.
 _GAPS = Evidence(share=5e-3, neighbours=3)
@@ -58,7 +58,8 @@ _RINGS = 1.0, 1 / 3
 # Shorter side, px, of the views for either sweep.
 _COARSE_SIDE, _FINE_SIDE = 256, 1024
 # In `Probe.unit`: how well neighbours agree; by how much the fine sweep is wider; the margin of the result.
-_AGREEMENT, _SLACK, _MARGIN = 0.25, 2.0, 0.15
+_AGREEMENT, _MARGIN = 0.25, 0.15
+SLACK = 2.0
 _NARROWEST, _WIDEST_MARGIN = 1.0, 0.05
 # Nearly all pixels; from how far away, in `Probe.unit`, others are doubted; how much, in grey levels.
 _BULK, _APART, _DOUBT = (0.05, 0.95), 4.0, 4.0
@@ -128,8 +129,14 @@ def find_range(
             f"outermost view moves by {limit * probe.reach:.0f} px; expected them within; "
             "give --range MIN MAX (range=(min, max) in Python)"
         )
-    margin = min(_MARGIN * probe.unit, _WIDEST_MARGIN)
-    return found[0] - margin, found[1] + margin
+    room = margin(lf)
+    return found[0] - room, found[1] + room
+
+
+def margin(lf: LightField) -> float:
+    """How far beyond the outermost surfaces the range ends that is found, px per view step."""
+    reach = float(np.abs(lf.offsets[lf.available]).max())
+    return min(_MARGIN * shrink_to(lf, _FINE_SIDE) / reach, _WIDEST_MARGIN)
 
 
 def _reaches_beyond(lf: LightField, limit: float, engine: Engine) -> bool:
@@ -157,9 +164,9 @@ def coarse_range(
         How the views are taken.
     """
     while limit > _NARROWEST / 2:
-        found = ends(match(probe, plane_range(-limit, limit, probe.unit), engine, order), probe.unit, _COARSE)
+        found = ends(match(probe, plane_range(-limit, limit, probe.unit), engine, order), probe.unit, COARSE)
         if found is not None:
-            return found[0] - _SLACK * probe.unit, found[1] + _SLACK * probe.unit
+            return found[0] - SLACK * probe.unit, found[1] + SLACK * probe.unit
         limit /= 2
     return None
 

@@ -56,21 +56,47 @@ def spoil(lf: LightField, imperfections: Imperfections) -> LightField:
     """The same light field as cameras with these imperfections would have taken it, clipped at white."""
     some = imperfections
     rng = np.random.default_rng(some.seed)
-    grid, channels = lf.shape[:2], lf.shape[4]
-    gain = 1 + some.gain * rng.standard_normal((*grid, 1)) * np.ones(channels)
-    gain *= 1 + some.white_balance * rng.standard_normal((*grid, channels))
-    offset = some.offset * lf.full_scale * rng.standard_normal(grid)
-    gain[lf.centre], offset[lf.centre] = 1, 0
+    gain, offset = _per_view(lf, some, rng)
     views = np.empty_like(lf.views)
-    for v, u in np.ndindex(*grid):
-        place = _place(lf, v, u)
-        factor = gain[v, u] * (1 - (1 - some.falloff) * float(place @ place) / 2)
-        values = lf.views[v, u] * (factor * _vignette(lf, some, place)[..., None]) + offset[v, u]
+    for v, u in np.ndindex(*lf.shape[:2]):
+        values = lf.views[v, u] * _factor(lf, some, gain[v, u], v, u) + offset[v, u]
         if some.noise:
             values += some.noise * lf.full_scale * rng.standard_normal(values.shape)
         clipped = np.clip(values, 0, lf.full_scale)
         views[v, u] = clipped if views.dtype == np.float32 else np.rint(clipped)
     return replace(lf, views=views)
+
+
+def unspoil(lf: LightField, imperfections: Imperfections) -> LightField:
+    """The light field with `spoil` undone exactly, in 16 bits; noise stays, and what was clipped."""
+    some = imperfections
+    gain, offset = _per_view(lf, some, np.random.default_rng(some.seed))
+    views = np.empty(lf.shape, np.uint16)
+    for v, u in np.ndindex(*lf.shape[:2]):
+        values = (lf.views[v, u] - offset[v, u]) / _factor(lf, some, gain[v, u], v, u)
+        views[v, u] = np.rint(np.clip(values / lf.full_scale, 0, 1) * 65535)
+    return replace(lf, views=views)
+
+
+def _per_view(
+    lf: LightField, some: Imperfections, rng: np.random.Generator
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Gain (V, U, C) and offset (V, U) in the light field's own unit."""
+    grid, channels = lf.shape[:2], lf.shape[4]
+    gain = 1 + some.gain * rng.standard_normal((*grid, 1)) * np.ones(channels)
+    gain *= 1 + some.white_balance * rng.standard_normal((*grid, channels))
+    offset = some.offset * lf.full_scale * rng.standard_normal(grid)
+    gain[lf.centre], offset[lf.centre] = 1, 0
+    return gain, offset
+
+
+def _factor(
+    lf: LightField, some: Imperfections, gain: NDArray[np.float64], v: int, u: int
+) -> NDArray[np.float64]:
+    """What the levels of a view are multiplied by, (H, W, C)."""
+    place = _place(lf, v, u)
+    overall = gain * (1 - (1 - some.falloff) * float(place @ place) / 2)
+    return np.asarray(overall * _vignette(lf, some, place)[..., None])
 
 
 def _place(lf: LightField, v: int, u: int) -> NDArray[np.float64]:
