@@ -4,6 +4,8 @@ import json
 import os
 import pickle
 import struct
+import subprocess
+import sys
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -21,9 +23,11 @@ import zarr
 from PIL import Image
 
 from lfdepth.bench.submission import check_submission
+from lfdepth.camera import Camera
 from lfdepth.errors import LightFieldError
 from lfdepth.io import limits, read, read_disparity, read_high_resolution, read_record, write
 from lfdepth.io.mat5 import check_mat5
+from lfdepth.io.notes import Bundle
 from lfdepth.lightfield import LightField
 
 VIEWS = np.random.default_rng(0).integers(0, 256, (3, 3, 6, 7, 3)).astype(np.uint8)
@@ -263,6 +267,48 @@ def test_hdf5_that_refers_to_other_files(secret: Path) -> None:
         message = "holds no arrays" if name == "link" else r"samples of /LF are in another file \(.*\)"
         with pytest.raises(LightFieldError, match=message):
             read(secret / f"{name}.h5")
+
+
+def older_hdf5(path: Path, lf: LightField) -> None:
+    """As lfdepth wrote it up to version 0.2: with its notes as an attribute of variable length."""
+    bundle = Bundle.of(lf)
+    with h5py.File(path, "w") as file:
+        for name, array in bundle.arrays.items():
+            file[name] = array
+        file.attrs["lfdepth"] = bundle.text
+
+
+def test_notes_in_hdf5_of_earlier_versions(tmp_path: Path) -> None:
+    camera = Camera(50, 36, 4, 2, 7, 6)
+    older_hdf5(tmp_path / "x.h5", LightField(VIEWS, camera, (-1.5, 1.25), truth=MAP))
+    found = read(tmp_path / "x.h5")
+    assert (found.camera, found.disparity_range) == (camera, (-1.5, 1.25))
+    np.testing.assert_array_equal(found.truth, MAP)
+
+
+def test_damaged_text_of_variable_length_in_hdf5(tmp_path: Path) -> None:
+    """The HDF5 library looks for it for ever, where a length in its heap of texts is damaged."""
+    path = tmp_path / "x.h5"
+    older_hdf5(path, LightField(VIEWS, disparity_range=(-1.5, 1.25)))
+    data = bytearray(path.read_bytes())
+    heap = data.index(b"GCOL")
+    data[heap + 17 : heap + 25] = b"\xff" * 8
+    path.write_bytes(data)
+    code = f"from lfdepth.io import read; print(read({str(path)!r}).disparity_range)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=30, check=False)
+    assert done.stdout.strip() == b"(-1.5, 1.25)"
+    with h5py.File(path, "a") as file:
+        del file.attrs["lfdepth"]
+        file["lfdepth"] = h5py.ExternalLink("other.h5", "notes")
+    assert read(path).disparity_range is None
+
+
+def test_a_camera_of_variable_length_in_hdf5(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "x.h5", "w") as file:
+        file["LF"] = VIEWS
+        file.attrs.update({"dH": 0.01, "focalLength": "500", "shift": 0.5})
+    with pytest.raises(LightFieldError, match="focalLength is of type object; expected a number"):
+        read(tmp_path / "x.h5")
 
 
 def test_ome_tiff_that_refers_to_other_files(tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ import pytest
 import fuzz_run
 from fuzz_mutations import damage
 from fuzz_run import Outcome, run
+from fuzz_seeds import KINDS
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="children are forked")
 INPUTS = 500
@@ -38,8 +39,8 @@ def test_damaged_files_are_read_or_refused_cleanly() -> None:
 
 def test_whole_files_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fuzz_run, "damage", lambda files, chance: files)
-    found = list(run(range(27)))
-    assert len({each.seed for each in found}) == 27
+    found = list(run(range(len(KINDS))))
+    assert {each.seed for each in found} == set(KINDS)
     assert [str(each) for each in found if each.what != "read"] == []
 
 
