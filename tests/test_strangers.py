@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import h5py  # type: ignore[import-untyped]
-import imagecodecs
 import numpy as np
 import OpenEXR  # type: ignore[import-not-found]
 import pytest
@@ -349,23 +348,41 @@ def exr_bomb(path: Path) -> None:
 
 
 def tiff_bomb(path: Path) -> None:
-    tifffile.imwrite(path, np.zeros((20000, 20000), np.float32), compression="zlib")
+    """20000 × 20000 px, the same packed strip again and again."""
+    strip = zlib.compress(bytes(100 * 20000 * 4))
+    tifffile.imwrite(
+        path, iter([strip] * 200), shape=(20000, 20000), dtype="f4", rowsperstrip=100, compression="zlib"
+    )
 
 
 def png_bomb(path: Path) -> None:
-    path.write_bytes(imagecodecs.png_encode(np.zeros((15000, 15000), np.uint16)))
+    """15000 × 15000 px of 16 bits, by its header."""
+    chunks = (
+        (b"IHDR", struct.pack(">IIBBBBB", 15000, 15000, 16, 0, 0, 0, 0)),
+        (b"IDAT", zlib.compress(bytes(1 << 20))),
+        (b"IEND", b""),
+    )
+    path.write_bytes(
+        b"\x89PNG\r\n\x1a\n"
+        + b"".join(
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+            for kind, data in chunks
+        )
+    )
 
 
 def mat_bomb(path: Path) -> None:
-    """400 MB of zeros in 390 kB."""
+    """400 MB of zeros in 400 kB."""
     size = 400_000_000
     name = struct.pack("<HH4s", 1, 2, b"LF")
     flags, shape = struct.pack("<IIII", 6, 8, 9, 0), struct.pack("<IIii", 5, 8, size, 1)
     head = flags + shape + name + struct.pack("<II", 2, size)
     packing = zlib.compressobj()
-    parts = [packing.compress(struct.pack("<II", 14, len(head) + size) + head)]
-    parts += [packing.compress(bytes(1_000_000)) for _ in range(400)]
-    content = b"".join([*parts, packing.flush()])
+    first, again = (
+        packing.compress(part) + packing.flush(zlib.Z_FULL_FLUSH)
+        for part in (struct.pack("<II", 14, len(head) + size) + head, bytes(1_000_000))
+    )
+    content = first + again * 400
     header = b"MATLAB 5.0 MAT-file".ljust(124, b" ") + struct.pack("<H2s", 0x0100, b"IM")
     path.write_bytes(header + struct.pack("<II", 15, len(content)) + content)
 
@@ -390,7 +407,15 @@ def zarr_chunk_bomb(path: Path) -> None:
 
 
 def npz_bomb(path: Path) -> None:
-    np.savez_compressed(path, LF=np.zeros((3, 3, 4000, 4000, 3), np.uint8))
+    shape = (3, 3, 4000, 4000, 3)
+    header = {"descr": "|u1", "fortran_order": False, "shape": shape}
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
+        archive.open("LF.npy", "w") as file,
+    ):
+        np.lib.format.write_array_header_1_0(file, header)
+        for _ in range(9):
+            file.write(bytes(4000 * 4000 * 3))
 
 
 def grid_bomb(path: Path) -> None:
