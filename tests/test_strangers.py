@@ -334,6 +334,39 @@ def test_ome_tiff_that_refers_to_other_files(tmp_path: Path) -> None:
     np.testing.assert_array_equal(views.reshape(4, 6, 7), own)
 
 
+def test_pages_of_a_tiff_in_a_circle(tmp_path: Path) -> None:
+    """tifffile looks for some circles only, and goes round in others for ever."""
+    path = tmp_path / "x.tif"
+    with tifffile.TiffWriter(path) as writer:
+        for _ in range(150):
+            writer.write(VIEWS[0, 0], photometric="rgb", contiguous=False, metadata=None)
+    with tifffile.TiffFile(path) as file:
+        offsets = [page.offset for page in file.pages]
+    data = bytearray(path.read_bytes())
+    tags = struct.unpack_from("<H", data, offsets[-1])[0]
+    struct.pack_into("<I", data, offsets[-1] + 2 + 12 * tags, offsets[120])
+    path.write_bytes(data)
+    with pytest.raises(LightFieldError, match="pages follow each other in a circle"):
+        read(path, grid=(10, 15))
+
+
+def test_names_in_hdf5_that_are_no_text(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "x.h5", "w") as file:
+        file["LF"] = VIEWS
+        file[b"\xff\xfe"] = MAP
+    np.testing.assert_array_equal(read(tmp_path / "x.h5").views, VIEWS)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_truth_beyond_all_numbers(tmp_path: Path) -> None:
+    """Infinite is what a disparity is called that there is not."""
+    np.save(tmp_path / "x.npy", VIEWS)
+    write(tmp_path / "truth.pfm", np.where(MAP > 0, np.float32(3e38), MAP))
+    truth = read(tmp_path / "x.npy", truth=tmp_path / "truth.pfm", truth_scale=2).truth
+    assert truth is not None
+    np.testing.assert_array_equal(truth, np.where(MAP > 0, np.inf, 2 * MAP))
+
+
 # --- bombs
 
 

@@ -144,10 +144,10 @@ def datasets(file: Any) -> dict[str, Any]:
     found = {}
     path = Path(file.filename)
 
-    def visit(name: str, item: Any) -> None:
+    def visit(name: str | bytes, item: Any) -> None:
         if hasattr(item, "shape") and item.shape is not None and item.dtype.kind in "uif":
             _check_dataset(item, path)
-            found[name] = item
+            found[name if isinstance(name, str) else name.decode("utf-8", "replace")] = item
 
     with readable(path):
         file.visititems(visit)
