@@ -2,7 +2,7 @@
 
     python benchmarks/survival.py --rounds 50 --seed 1
     python benchmarks/survival.py --only "convert folder" bench
-    mount -t tmpfs -o size=64m tmpfs /mnt && python benchmarks/survival.py --disk /mnt    # a disk to be filled
+    mount -t tmpfs -o size=64m tmpfs /mnt && python benchmarks/survival.py --disk /mnt   # fill a disk
 
 Each command is killed at `--rounds` random times and before as many of its file operations, run with half as
 many limits on the size of files, and two at once. What is checked is in tests/survival; a few rounds run with
