@@ -24,13 +24,18 @@ LIMITS = {"help": 0.35, "import": 0.1, "first run": 10.0}
 
 @dataclass(frozen=True)
 class FirstRun:
-    """Seconds of a method's first and of a later run, as processes; on the wall and of computing."""
+    """Seconds of a method's first and of later runs, as processes; on the wall and of computing.
+
+    And whether kernels were compiled, in the first one and in any later one.
+    """
 
     method: str
     cold: float
     warm: float
     cold_cpu: float
     warm_cpu: float
+    cold_compiled: bool
+    warm_compiled: bool
 
 
 def median(command: list[str], repeats: int) -> tuple[float, float]:
@@ -40,7 +45,8 @@ def median(command: list[str], repeats: int) -> tuple[float, float]:
 
 
 def first_run(scene: Path, method: str, folder: Path, repeats: int) -> FirstRun:
-    command = [*processes.LFDEPTH, "estimate", str(scene), "-o", str(folder / "map.pfm"), "--method", method]
+    words = ["estimate", str(scene), "-o", str(folder / "map.pfm"), "--method", method, "--json"]
+    command = [*processes.LFDEPTH, *words]
     cold, *warm = (processes.run(command, folder / "numba" / method) for _ in range(1 + repeats))
     return FirstRun(
         method,
@@ -48,6 +54,8 @@ def first_run(scene: Path, method: str, folder: Path, repeats: int) -> FirstRun:
         min(each.seconds for each in warm),
         cold.cpu,
         min(each.cpu for each in warm),
+        cold.json()["compiled"],
+        any(each.json()["compiled"] for each in warm),
     )
 
 

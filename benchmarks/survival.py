@@ -2,6 +2,7 @@
 
     python benchmarks/survival.py --rounds 50 --seed 1
     python benchmarks/survival.py --only "convert folder" bench
+    mount -t tmpfs -o size=64m tmpfs /mnt && python benchmarks/survival.py --disk /mnt   # fill a disk
 
 Each command is killed at `--rounds` random times and before as many of its file operations, run with half as
 many limits on the size of files, and two at once. What is checked is in tests/survival; a few rounds run with
@@ -23,6 +24,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests/survival"))
 from reporting import Cell, machine_line, markdown, write_json
 from survival_run import (
     COMMANDS,
+    Command,
     Report,
     Trial,
     changing_input,
@@ -42,6 +44,9 @@ def main() -> int:
     parser.add_argument("--rounds", type=int, default=50)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", nargs="*", choices=list(COMMANDS))
+    parser.add_argument(
+        "--disk", type=Path, help="folder on a disk of less than 1 GB: fill it instead of killing"
+    )
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     began = time.perf_counter()
@@ -50,11 +55,14 @@ def main() -> int:
         folder = Path(scratch)
         data = prepare(folder)
         for name in options.only or COMMANDS:
-            trial = Trial(COMMANDS[name], data, folder)
-            reports[name] = _survive(trial, options.rounds, Random(options.seed))
+            random = Random(options.seed)
+            if options.disk is None:
+                reports[name] = _survive(Trial(COMMANDS[name], data, folder), options.rounds, random)
+            else:
+                reports[name] = _fill(COMMANDS[name], data, options.disk, options.rounds, random)
             _print_problems(reports[name])
             print(f"{name}: {reports[name].runs} runs", file=sys.stderr, flush=True)
-        if not options.only:
+        if not options.only and options.disk is None:
             reports["input that changes"] = changing = Report()
             changing_input(data, folder, options.rounds, changing)
             reports["read-only folders"] = locked = Report()
@@ -82,6 +90,15 @@ def _survive(trial: Trial, rounds: int, random: Random) -> Report:
         trial.fill_disk(size, report)
     for _ in range(max(1, rounds // 5)):
         trial.race(report)
+    return report
+
+
+def _fill(command: Command, data: Path, disk: Path, rounds: int, random: Random) -> Report:
+    report = Report()
+    with tempfile.TemporaryDirectory(dir=disk) as scratch:
+        trial = Trial(command, data, Path(scratch))
+        for left in disk_sizes(trial, rounds, random):
+            trial.fill_small_disk(left, report)
     return report
 
 

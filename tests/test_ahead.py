@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
@@ -47,15 +45,6 @@ def test_nothing_is_compiled_after_what_was_made_ready(name: str, samples: str) 
     ready, late = map(int, done.stdout.split())
     assert ready >= 3
     assert late == 0
-
-
-def test_helpers_leave_kernels_in_the_cache(tmp_path: Path) -> None:
-    """What a rehearsal finds is compiled by several processes, and then there: nothing is compiled again."""
-    env = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    command = [sys.executable, "-c", PROGRAM, "fbs-sfa", "uint8"]
-    for _ in range(2):
-        done = subprocess.run(command, env=env, capture_output=True, text=True, check=False)
-        assert (done.returncode, done.stdout.split()[1:]) == (0, ["0"]), done.stderr
 
 
 @pytest.mark.parametrize("name", methods.FAMILY)

@@ -75,6 +75,8 @@ def test_startup(tmp_path: Path) -> None:
     assert found["starts_s"]["python"][0] < found["starts_s"]["lfdepth --help"][0]
     (first,) = found["first_runs_s"]
     assert first["cold_cpu"] > first["warm_cpu"]
+    # All that was compiled, in whatever process, is in the cache.
+    assert (first["cold_compiled"], first["warm_compiled"]) == (True, False)
 
 
 def test_ablation_spells_settings_as_the_command_line_takes_them(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,6 +25,12 @@ def leaves() -> LightField:
     return scenes.render("leaves", size=128, views=9, seed=3, samples=2)
 
 
+@pytest.fixture(scope="module")
+def clean() -> dict[str, float]:
+    """Bad pixels of each method where all views are equally bright, once they are known."""
+    return {}
+
+
 def bad_pixels(lf: LightField, method: str, *, equalise: bool = True) -> float:
     assert lf.truth is not None
     found = lfdepth.estimate(lf, method, equalise=equalise, threads=2).disparity
@@ -101,10 +107,11 @@ def test_samples_keep_their_kind(leaves: LightField) -> None:
     ],
 )
 def test_the_map_is_as_good_as_with_equal_brightness(
-    case: Imperfections, method: str, leaves: LightField
+    case: Imperfections, method: str, leaves: LightField, clean: dict[str, float]
 ) -> None:
-    clean = bad_pixels(spoil(leaves, Imperfections(noise=NOISE)), method, equalise=False)
-    assert bad_pixels(spoil(leaves, case), method) < 1.25 * clean
+    if method not in clean:
+        clean[method] = bad_pixels(spoil(leaves, Imperfections(noise=NOISE)), method, equalise=False)
+    assert bad_pixels(spoil(leaves, case), method) < 1.25 * clean[method]
 
 
 def test_without_it_the_map_is_lost(leaves: LightField) -> None:

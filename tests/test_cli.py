@@ -7,8 +7,10 @@ import os
 import signal
 import subprocess
 import sys
+import time
 import zipfile
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +24,7 @@ from lfdepth import scenes
 from lfdepth.cli import main
 from lfdepth.cli.experiments import reproduce
 from lfdepth.cli.options import DEFAULT_METHOD
+from lfdepth.errors import LightFieldError
 from lfdepth.io import read_disparity, write
 from lfdepth.paper.experiments import Reproduced
 from lfdepth.paper.experiments import reproduce as reproduce_experiments
@@ -642,7 +645,10 @@ def test_pipes_and_devices_are_not_replaced(scene: Path, run: Run) -> None:
 
 
 def test_force_allows_many_planes(scene: Path, run: Run) -> None:
-    status, out, _ = run("estimate", "scene", "-o", "map.pfm", "--planes", "2001", "--force", "--json")
+    window = ("--crop", "12", "12", "24", "24")
+    status, out, _ = run(
+        "estimate", "scene", "-o", "map.pfm", *window, "--planes", "2001", "--force", "--json"
+    )
     assert status == 0
     assert json.loads(out)["planes"] == 2001
 
@@ -852,6 +858,40 @@ def test_interrupted_while_writing(scene: Path, run: Run, monkeypatch: pytest.Mo
     monkeypatch.setattr(np, "save", save)
     assert run("estimate", "scene", "-o", "map.npy") == (130, "", "interrupted\n")
     assert left_behind() == []
+
+
+class Finalized:
+    """What a library may have at work when Ctrl-C is pressed: Python goes on after what is raised in it."""
+
+    def __del__(self) -> None:
+        signal.raise_signal(signal.SIGINT)
+
+
+def lost_in_a_finalizer(*_: object, **__: object) -> None:
+    began = time.perf_counter()
+    Finalized()
+    while time.perf_counter() < began + 20:
+        time.sleep(1)
+
+
+def caught_by_a_library(*_: object, **__: object) -> None:
+    with suppress(BaseException):
+        signal.raise_signal(signal.SIGINT)
+    raise LightFieldError("scene: not readable")
+
+
+@pytest.mark.parametrize("act", [lost_in_a_finalizer, caught_by_a_library])
+def test_ctrl_c_is_never_lost(scene: Path, run: Run, monkeypatch: pytest.MonkeyPatch, act: Any) -> None:
+    handler, hook = signal.signal(signal.SIGINT, signal.default_int_handler), sys.unraisablehook
+    monkeypatch.setattr(lfdepth, "read", act, raising=False)
+    began = time.perf_counter()
+    try:
+        assert run("info", "scene") == (130, "", "interrupted\n")
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+        assert sys.unraisablehook is hook
+    finally:
+        signal.signal(signal.SIGINT, handler)
+    assert time.perf_counter() < began + 10  # at once, and not when the work was done
 
 
 # --- as a process of its own

@@ -137,7 +137,7 @@ def read_npz(path: Path) -> Any:
 
 def read_hdf5(path: Path) -> Any:
     with h5py.File(path) as file:
-        assert json.loads(file.attrs["lfdepth"])["disparity_range"] == [-1.5, 1.25]
+        assert json.loads(file["lfdepth"][()])["disparity_range"] == [-1.5, 1.25]
         return file["LF"][:]
 
 

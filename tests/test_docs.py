@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import re
 import shlex
+import tomllib
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, metadata
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -71,3 +75,22 @@ def test_using(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.C
         assert Image.open(picture).size == (128, 128)
     assert len(list(Path("masks").glob("*.png"))) == 81
     assert Path("fence.ply").stat().st_size > 128 * 128 * 15
+
+
+def test_the_licence_of_every_dependency_is_listed() -> None:
+    """As the packages themselves state it, where they state it in the usual words."""
+    rows = re.findall(
+        r"^\| (\w+)[^|]*\|[^|]*\| ([^|]+) \|$", (DOCS / "dependencies.md").read_text(), re.MULTILINE
+    )
+    licences = {name: licence for name, licence in rows if name != "package"}
+    project = tomllib.loads((DOCS.parent / "pyproject.toml").read_text())["project"]
+    extras = {
+        name: each for name, each in project["optional-dependencies"].items() if name not in ("all", "dev")
+    }
+    needed = {re.split(r"[>=<\[ ]", each)[0] for each in [*project["dependencies"], *chain(*extras.values())]}
+    assert set(licences) == needed
+    for name, licence in licences.items():
+        with suppress(PackageNotFoundError):
+            stated = metadata(name)
+            if "License-Expression" in stated:
+                assert licence == stated["License-Expression"], name

@@ -341,15 +341,18 @@ def test_high_passed_shares_agree_with_the_oracle(used: Engine, columns: tuple[i
         views = used.colour_views(lf, 0.8)
         surfaces = used.nearest_surfaces(disparity, views)
         filtered = naive_gloss.high_passed(lf.views)
+        shares = {
+            plane: naive_vis.visible_share(filtered, plane, limits, disparity, lf.present)
+            for plane in (-0.8, 0.0, 0.55)
+        }
         for rows in ((0, size[0]), (3, 15)):
             box = slice(*rows), slice(*columns)
             inner = slice(rows[0] if rows[0] == 0 else rows[0] + 2, rows[1] if rows[0] == 0 else rows[1] - 2)
             part, near = used.high_passed(views, box), used.surfaces_in(surfaces, box)
             assert part.size == (rows[1] - rows[0], columns[1] - columns[0])
             out = used.empty(part.size, np.float32)
-            for plane in (-0.8, 0.0, 0.55):
+            for plane, expected in shares.items():
                 used.photo(part, plane, used.upload(limits[box].copy()), out, surfaces=near)
-                expected = naive_vis.visible_share(filtered, plane, limits, disparity, lf.present)
                 found = used.download(out)[inner.start - rows[0] : inner.stop - rows[0]]
                 np.testing.assert_allclose(found, expected[inner, box[1]], rtol=1e-6)
 

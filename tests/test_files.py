@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -118,11 +119,14 @@ def test_white_by_metadata(tmp_path: Path) -> None:
     for v, u in np.ndindex(3, 3):
         # MaxSampleValue, one SHORT
         tifffile.imwrite(tagged / f"v{v}_u{u}.tif", views[v, u], extratags=[(281, 3, 1, 4095, False)])
-    packed = tmp_path / "packed.tif"
-    tifffile.imwrite(packed, views.reshape(9, 12, 14), photometric="minisblack", bitspersample=12)
     significant = tmp_path / "significant.ome.tif"
     tifffile.imwrite(significant, views.reshape(9, 12, 14), metadata={"axes": "ZYX", "SignificantBits": 12})
-    for path in (tagged, packed, significant):
+    paths = [tagged, significant]
+    with suppress(NotImplementedError):  # of imagecodecs, whose older versions do not pack 12 bits
+        packed = tmp_path / "packed.tif"
+        tifffile.imwrite(packed, views.reshape(9, 12, 14), photometric="minisblack", bitspersample=12)
+        paths.append(packed)
+    for path in paths:
         lf = read(path)
         assert lf.white_level == 4095, path
         np.testing.assert_array_equal(lf.views[..., 0], expected)

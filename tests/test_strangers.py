@@ -4,6 +4,8 @@ import json
 import os
 import pickle
 import struct
+import subprocess
+import sys
 import zipfile
 import zlib
 from collections.abc import Callable
@@ -11,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import h5py  # type: ignore[import-untyped]
-import imagecodecs
 import numpy as np
 import OpenEXR  # type: ignore[import-not-found]
 import pytest
@@ -21,9 +22,11 @@ import zarr
 from PIL import Image
 
 from lfdepth.bench.submission import check_submission
+from lfdepth.camera import Camera
 from lfdepth.errors import LightFieldError
 from lfdepth.io import limits, read, read_disparity, read_high_resolution, read_record, write
 from lfdepth.io.mat5 import check_mat5
+from lfdepth.io.notes import Bundle
 from lfdepth.lightfield import LightField
 
 VIEWS = np.random.default_rng(0).integers(0, 256, (3, 3, 6, 7, 3)).astype(np.uint8)
@@ -265,6 +268,48 @@ def test_hdf5_that_refers_to_other_files(secret: Path) -> None:
             read(secret / f"{name}.h5")
 
 
+def older_hdf5(path: Path, lf: LightField) -> None:
+    """As lfdepth wrote it up to version 0.2: with its notes as an attribute of variable length."""
+    bundle = Bundle.of(lf)
+    with h5py.File(path, "w") as file:
+        for name, array in bundle.arrays.items():
+            file[name] = array
+        file.attrs["lfdepth"] = bundle.text
+
+
+def test_notes_in_hdf5_of_earlier_versions(tmp_path: Path) -> None:
+    camera = Camera(50, 36, 4, 2, 7, 6)
+    older_hdf5(tmp_path / "x.h5", LightField(VIEWS, camera, (-1.5, 1.25), truth=MAP))
+    found = read(tmp_path / "x.h5")
+    assert (found.camera, found.disparity_range) == (camera, (-1.5, 1.25))
+    np.testing.assert_array_equal(found.truth, MAP)
+
+
+def test_damaged_text_of_variable_length_in_hdf5(tmp_path: Path) -> None:
+    """The HDF5 library looks for it for ever, where a length in its heap of texts is damaged."""
+    path = tmp_path / "x.h5"
+    older_hdf5(path, LightField(VIEWS, disparity_range=(-1.5, 1.25)))
+    data = bytearray(path.read_bytes())
+    heap = data.index(b"GCOL")
+    data[heap + 17 : heap + 25] = b"\xff" * 8
+    path.write_bytes(data)
+    code = f"from lfdepth.io import read; print(read({str(path)!r}).disparity_range)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, timeout=30, check=False)
+    assert done.stdout.strip() == b"(-1.5, 1.25)"
+    with h5py.File(path, "a") as file:
+        del file.attrs["lfdepth"]
+        file["lfdepth"] = h5py.ExternalLink("other.h5", "notes")
+    assert read(path).disparity_range is None
+
+
+def test_a_camera_of_variable_length_in_hdf5(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "x.h5", "w") as file:
+        file["LF"] = VIEWS
+        file.attrs.update({"dH": 0.01, "focalLength": "500", "shift": 0.5})
+    with pytest.raises(LightFieldError, match="focalLength is of type object; expected a number"):
+        read(tmp_path / "x.h5")
+
+
 def test_ome_tiff_that_refers_to_other_files(tmp_path: Path) -> None:
     """Nine pages of which four are in this file, as OME describes it; the others are not looked for."""
     tifffile.imwrite(tmp_path / "secret.tif", np.full((5, 6, 7), 7, np.uint8), photometric="minisblack")
@@ -289,6 +334,39 @@ def test_ome_tiff_that_refers_to_other_files(tmp_path: Path) -> None:
     np.testing.assert_array_equal(views.reshape(4, 6, 7), own)
 
 
+def test_pages_of_a_tiff_in_a_circle(tmp_path: Path) -> None:
+    """tifffile looks for some circles only, and goes round in others for ever."""
+    path = tmp_path / "x.tif"
+    with tifffile.TiffWriter(path) as writer:
+        for _ in range(150):
+            writer.write(VIEWS[0, 0], photometric="rgb", contiguous=False, metadata=None)
+    with tifffile.TiffFile(path) as file:
+        offsets = [page.offset for page in file.pages]
+    data = bytearray(path.read_bytes())
+    tags = struct.unpack_from("<H", data, offsets[-1])[0]
+    struct.pack_into("<I", data, offsets[-1] + 2 + 12 * tags, offsets[120])
+    path.write_bytes(data)
+    with pytest.raises(LightFieldError, match="pages follow each other in a circle"):
+        read(path, grid=(10, 15))
+
+
+def test_names_in_hdf5_that_are_no_text(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "x.h5", "w") as file:
+        file["LF"] = VIEWS
+        file[b"\xff\xfe"] = MAP
+    np.testing.assert_array_equal(read(tmp_path / "x.h5").views, VIEWS)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_truth_beyond_all_numbers(tmp_path: Path) -> None:
+    """Infinite is what a disparity is called that there is not."""
+    np.save(tmp_path / "x.npy", VIEWS)
+    write(tmp_path / "truth.pfm", np.where(MAP > 0, np.float32(3e38), MAP))
+    truth = read(tmp_path / "x.npy", truth=tmp_path / "truth.pfm", truth_scale=2).truth
+    assert truth is not None
+    np.testing.assert_array_equal(truth, np.where(MAP > 0, np.inf, 2 * MAP))
+
+
 # --- bombs
 
 
@@ -303,23 +381,41 @@ def exr_bomb(path: Path) -> None:
 
 
 def tiff_bomb(path: Path) -> None:
-    tifffile.imwrite(path, np.zeros((20000, 20000), np.float32), compression="zlib")
+    """20000 × 20000 px, the same packed strip again and again."""
+    strip = zlib.compress(bytes(100 * 20000 * 4))
+    tifffile.imwrite(
+        path, iter([strip] * 200), shape=(20000, 20000), dtype="f4", rowsperstrip=100, compression="zlib"
+    )
 
 
 def png_bomb(path: Path) -> None:
-    path.write_bytes(imagecodecs.png_encode(np.zeros((15000, 15000), np.uint16)))
+    """15000 × 15000 px of 16 bits, by its header."""
+    chunks = (
+        (b"IHDR", struct.pack(">IIBBBBB", 15000, 15000, 16, 0, 0, 0, 0)),
+        (b"IDAT", zlib.compress(bytes(1 << 20))),
+        (b"IEND", b""),
+    )
+    path.write_bytes(
+        b"\x89PNG\r\n\x1a\n"
+        + b"".join(
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+            for kind, data in chunks
+        )
+    )
 
 
 def mat_bomb(path: Path) -> None:
-    """400 MB of zeros in 390 kB."""
+    """400 MB of zeros in 400 kB."""
     size = 400_000_000
     name = struct.pack("<HH4s", 1, 2, b"LF")
     flags, shape = struct.pack("<IIII", 6, 8, 9, 0), struct.pack("<IIii", 5, 8, size, 1)
     head = flags + shape + name + struct.pack("<II", 2, size)
     packing = zlib.compressobj()
-    parts = [packing.compress(struct.pack("<II", 14, len(head) + size) + head)]
-    parts += [packing.compress(bytes(1_000_000)) for _ in range(400)]
-    content = b"".join([*parts, packing.flush()])
+    first, again = (
+        packing.compress(part) + packing.flush(zlib.Z_FULL_FLUSH)
+        for part in (struct.pack("<II", 14, len(head) + size) + head, bytes(1_000_000))
+    )
+    content = first + again * 400
     header = b"MATLAB 5.0 MAT-file".ljust(124, b" ") + struct.pack("<H2s", 0x0100, b"IM")
     path.write_bytes(header + struct.pack("<II", 15, len(content)) + content)
 
@@ -344,7 +440,15 @@ def zarr_chunk_bomb(path: Path) -> None:
 
 
 def npz_bomb(path: Path) -> None:
-    np.savez_compressed(path, LF=np.zeros((3, 3, 4000, 4000, 3), np.uint8))
+    shape = (3, 3, 4000, 4000, 3)
+    header = {"descr": "|u1", "fortran_order": False, "shape": shape}
+    with (
+        zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
+        archive.open("LF.npy", "w") as file,
+    ):
+        np.lib.format.write_array_header_1_0(file, header)
+        for _ in range(9):
+            file.write(bytes(4000 * 4000 * 3))
 
 
 def grid_bomb(path: Path) -> None:

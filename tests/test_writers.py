@@ -1,6 +1,9 @@
 """Each written file read back by the library that people use for its format."""
 
+import asyncio
+import errno
 import json
+import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -152,6 +155,27 @@ def test_interrupted_zarr_leaves_the_old_one(tmp_path: Path, monkeypatch: pytest
         write(tmp_path / "map.zarr", MAP + 1)
     np.testing.assert_array_equal(read_disparity(tmp_path / "map.zarr"), MAP)
     assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_zarr_that_fails_does_not_come_back(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Zarr writes on in threads of its own when one of its files could not be written."""
+    whole, calls = zarr.storage.LocalStore.set, 0
+
+    async def failing(self: Any, key: str, value: Any) -> None:
+        nonlocal calls
+        calls += 1
+        if key.startswith("LF/") and key != "LF/.zarray":
+            if key == "LF/0.0.0.0.0":
+                raise OSError(errno.ENOSPC, "No space left on device")
+            await asyncio.sleep(0.2)
+        await whole(self, key, value)
+
+    monkeypatch.setattr(zarr.storage.LocalStore, "set", failing)
+    with pytest.raises(LightFieldError, match="No space left"):
+        write(tmp_path / "x.zarr", SCENE)
+    assert calls > 3
+    time.sleep(0.5)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("ending", [".pfm", ".npy", ".npz", ".tif", ".exr", ".zarr", ".png"])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import traceback
 import zipfile
@@ -14,6 +13,7 @@ from typing import Any
 import h5py  # type: ignore[import-untyped]
 import imagecodecs
 import numpy as np
+import OpenEXR  # type: ignore[import-not-found]
 import scipy.io
 import tifffile
 import zarr
@@ -22,11 +22,18 @@ from PIL import Image
 from lfdepth.bench.submission import SCENES
 from lfdepth.camera import Camera
 from lfdepth.io import write
+from lfdepth.io.notes import KEY, Bundle
 from lfdepth.io.record import Record
 from lfdepth.lightfield import LightField
 
 COMMANDS = {
     "light field": "info {path} --no-check --json",
+    "mosaic": "info {path} --format mosaic --grid 3x3 --no-check --json",
+    "positions": "info {path}/x.npy --positions {path}/table.csv --no-check --json",
+    **{
+        f"truth {form}": f"info {{path}}/x.npy --truth {{path}}/truth{form} --truth-scale 2 --no-check --json"
+        for form in (".h5", ".mat", ".png")
+    },
     "map": "convert {path} -o {out}.npz --json",
     "submission": "submit --check {path} --json",
     "scores": "evaluate {path}/map.pfm {path}/scene --json",
@@ -78,7 +85,7 @@ def make_seeds(folder: Path) -> list[Seed]:
     child = os.fork()
     if not child:
         try:
-            for name, (_, entry, make) in _KINDS.items():
+            for name, (_, entry, make) in KINDS.items():
                 (folder / name).mkdir(parents=True)
                 make(folder / name / entry)
             os._exit(0)
@@ -88,7 +95,7 @@ def make_seeds(folder: Path) -> list[Seed]:
     if os.waitpid(child, 0)[1]:
         raise RuntimeError("seeds could not be written")
     seeds = []
-    for name, (kind, entry, _) in _KINDS.items():
+    for name, (kind, entry, _) in KINDS.items():
         place = folder / name
         files = {
             file.relative_to(place).as_posix(): file.read_bytes()
@@ -145,6 +152,95 @@ def _packed_tiff(path: Path) -> None:
     tifffile.imwrite(path, views, photometric="rgb", compression="zlib")
 
 
+def _imagej(path: Path) -> None:
+    views = _light_field().views.transpose(0, 1, 4, 2, 3)
+    tifffile.imwrite(path, views, imagej=True, metadata={"axes": "TZCYX"})
+
+
+def _ome_tiff(path: Path) -> None:
+    views = _light_field(dtype="uint16").views.transpose(0, 1, 4, 2, 3)
+    tifffile.imwrite(path, views, photometric="minisblack", metadata={"axes": "TZCYX"})
+
+
+def _older_notes(path: Path) -> None:
+    """As lfdepth wrote HDF5 up to version 0.2: the notes as text of variable length."""
+    bundle = Bundle.of(_light_field())
+    with h5py.File(path, "w") as file:
+        for name, array in bundle.arrays.items():
+            file[name] = array
+        file.attrs[KEY] = bundle.text
+
+
+def _reversed(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        file["scene/LF"] = _light_field().views.transpose()
+
+
+def _mosaic(path: Path) -> None:
+    views = _light_field().views
+    Image.fromarray(np.concatenate(np.concatenate(views, axis=1), axis=1)).save(path)
+
+
+def _pnm(kinds: tuple[int, int]) -> Callable[[Path], None]:
+    """A folder of PGM or PPM pictures, plain ones and raw ones by turns."""
+
+    def make(path: Path) -> None:
+        path.mkdir()
+        for index, view in enumerate(_light_field().views.reshape(9, *_SHAPE[2:])):
+            pixels = view if kinds == (3, 6) else view[..., 0]
+            head = f"P{kinds[index % 2]} # a comment\n{view.shape[1]} {view.shape[0]} 255\n".encode()
+            samples = pixels.tobytes() if index % 2 else " ".join(map(str, pixels.ravel())).encode()
+            (path / f"{index // 3}_{index % 3}.pnm").write_bytes(head + samples)
+
+    return make
+
+
+def _exr_views(path: Path) -> None:
+    path.mkdir()
+    kinds = OpenEXR.ZIP_COMPRESSION, OpenEXR.NO_COMPRESSION, OpenEXR.ZIPS_COMPRESSION
+    for index, view in enumerate(_light_field(dtype="float32").views.reshape(9, *_SHAPE[2:])):
+        header = {"compression": kinds[index % 3], "type": OpenEXR.scanlineimage}
+        pixels = view.astype(np.float16 if index % 2 else np.float32)
+        with OpenEXR.File(header, {"RGB": pixels}) as file:
+            file.write(str(path / f"{index // 3}_{index % 3}.exr"))
+
+
+def _table(path: Path) -> None:
+    lines = [f"{v},{u},{v * 1.5 + 0.1 * u},{u * 1.5}" for v, u in np.ndindex(3, 3)]
+    path.write_text("v,u,y,x\n" + "\n".join(lines))
+
+
+def _positions(path: Path) -> None:
+    path.mkdir()
+    np.save(path / "x.npy", _light_field().views)
+    _table(path / "table.csv")
+
+
+def _folder_with_table(path: Path) -> None:
+    _jpegs(path)
+    _table(path / "positions.csv")
+
+
+def _truth(form: str) -> Callable[[Path], None]:
+    """Views, and their truth in another file."""
+
+    def make(path: Path) -> None:
+        lf = _light_field()
+        assert lf.truth is not None
+        path.mkdir()
+        np.save(path / "x.npy", lf.views)
+        truth = path / f"truth{form}"
+        if form == ".h5":
+            with h5py.File(truth, "w") as file:
+                file["disparity"] = lf.truth
+        elif form == ".mat":
+            scipy.io.savemat(truth, {"gt_disparity": lf.truth}, do_compression=True)
+        else:
+            Image.fromarray((lf.truth * 100 + 200).astype(np.uint16)).save(truth)
+
+    return make
+
+
 def _eslf(path: Path) -> None:
     picture = np.random.default_rng(5).integers(0, 65535, (14 * 6, 14 * 7, 3)).astype(np.uint16)
     for v, u in np.ndindex(14, 14):
@@ -177,7 +273,7 @@ def _scores(path: Path) -> None:
     Image.fromarray(np.full(high.shape, 255, np.uint8)).save(path / "scene/mask_planes_highres.png")
 
 
-_KINDS: dict[str, tuple[str, str, Callable[[Path], Any]]] = {
+KINDS: dict[str, tuple[str, str, Callable[[Path], Any]]] = {
     "npy": ("light field", "x.npy", _written()),
     "npz": ("light field", "x.npz", _written()),
     "npz-packed": ("light field", "x.npz", _compressed_npz),
@@ -191,10 +287,23 @@ _KINDS: dict[str, tuple[str, str, Callable[[Path], Any]]] = {
     "tiff": ("light field", "x.tif", _written(dtype="float32")),
     "tiff-packed": ("light field", "x.tif", _packed_tiff),
     "quilt": ("light field", "x_qs3x1a1.png", _written(row=True)),
+    "tiff-imagej": ("light field", "x.tif", _imagej),
+    "tiff-ome": ("light field", "x.ome.tif", _ome_tiff),
+    "hdf5-notes": ("light field", "x.h5", _older_notes),
+    "hdf5-reversed": ("light field", "x.h5", _reversed),
+    "mosaic": ("mosaic", "x.png", _mosaic),
+    "positions": ("positions", "x", _positions),
+    "truth-hdf5": ("truth .h5", "x", _truth(".h5")),
+    "truth-mat": ("truth .mat", "x", _truth(".mat")),
+    "truth-png": ("truth .png", "x", _truth(".png")),
     "eslf": ("light field", "x_eslf.png", _eslf),
     "folder": ("light field", "x", _written(dtype="uint16", channels=1)),
     "folder-float": ("light field", "x", _written(dtype="float32")),
     "folder-jpeg": ("light field", "x", _jpegs),
+    "folder-ppm": ("light field", "x", _pnm((3, 6))),
+    "folder-pgm": ("light field", "x", _pnm((2, 5))),
+    "folder-exr": ("light field", "x", _exr_views),
+    "folder-table": ("light field", "x", _folder_with_table),
     "benchmark": ("light field", "x", _written(format="benchmark")),
     "map-pfm": ("map", "x.pfm", _map),
     "map-png": ("map", "x.png", _map),
@@ -206,8 +315,4 @@ _KINDS: dict[str, tuple[str, str, Callable[[Path], Any]]] = {
     "submission": ("submission", "x.zip", _submission),
     "scores": ("scores", "x", _scores),
 }
-
-
-def names() -> str:
-    """Names of all seeds, for help texts."""
-    return json.dumps(list(_KINDS))
+"""By name: what it is, the file or folder that the command is given, and what writes it."""

@@ -42,6 +42,9 @@ _LIBRARIES = (
 )  # fmt: skip
 
 
+_SMALL_DISK = 1_000_000_000
+
+
 # --- what is run, and how its result is looked at
 
 
@@ -404,8 +407,19 @@ class Trial:
 
     def fill_disk(self, size: int, report: Report) -> None:
         """Run without space for larger files: one line, status 2, and nothing half-written or lost."""
-        place, what = self._place(), f"files of at most {size} bytes"
-        ended = self._run(place, little_disk(size))
+        self._starve(self._place(), little_disk(size), report, f"files of at most {size} bytes")
+
+    def fill_small_disk(self, left: int, report: Report) -> None:
+        """Run with so many bytes left on the disk, a small one, that the folder of the trial is on."""
+        place, filler = self._place(), self.folder / "filler"
+        _fill(filler, left)
+        try:
+            self._starve(place, no_fate, report, f"{left} bytes left on the disk")
+        finally:
+            filler.unlink()
+
+    def _starve(self, place: Path, fate: Fate, report: Report, what: str) -> None:
+        ended = self._run(place, fate)
         report.runs += 1
         report.outcomes["refused" if ended.code else "finished"] += 1
         lines = ended.err.splitlines()
@@ -453,6 +467,16 @@ class Trial:
         for entry in (place / "out").iterdir():
             if entry.name not in expected and not _TEMPORARY.fullmatch(entry.name):
                 report.problems.append(f"{self.command.name}, {what}: {entry.name} was left")
+
+
+def _fill(filler: Path, left: int) -> None:
+    """Write a file that leaves so many bytes on its disk, which may be a small one only."""
+    disk = os.statvfs(filler.parent)
+    free = disk.f_bavail * disk.f_frsize
+    if free > _SMALL_DISK:
+        raise ValueError(f"{filler.parent} has {free / 1e6:.0f} MB left; expected a disk of less than 1 GB")
+    with filler.open("wb") as file:
+        file.write(bytes(max(0, free - left)))
 
 
 def changing_input(data: Path, folder: Path, rounds: int, report: Report) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from pathlib import Path
 from random import Random
 from typing import Any
 
+import numpy as np
 import pytest
 
 import survival_run
@@ -54,6 +56,25 @@ def test_read_only_folders(data: Path, tmp_path: Path) -> None:
     report = Report()
     read_only(data, tmp_path, report)
     assert report.problems == []
+
+
+def test_a_zarr_without_space_is_one_line(tmp_path: Path) -> None:
+    """As a process that ends as others do: Zarr leaves nothing behind that Python complains of at the end."""
+    np.save(tmp_path / "x.npy", np.random.default_rng(0).integers(0, 256, (5, 5, 60, 60, 3)).astype(np.uint8))
+    code = "import sys; from lfdepth.cli import main; sys.exit(main())"
+    words = ["convert", str(tmp_path / "x.npy"), "-o", str(tmp_path / "x.zarr")]
+    for size in (0, 700):
+        done = subprocess.run(
+            [sys.executable, "-c", code, *words],
+            preexec_fn=survival_run.little_disk(size),
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr.startswith("error: ")
+        assert done.stderr.count("\n") == 1
+    assert [file.name for file in tmp_path.iterdir()] == ["x.npy"]
 
 
 def write_in_place(path: Any) -> Any:

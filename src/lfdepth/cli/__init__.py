@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from io import TextIOWrapper
 from typing import TYPE_CHECKING
 
+from lfdepth.cli.interrupts import Interrupts
 from lfdepth.errors import LightFieldError
 
 if TYPE_CHECKING:
@@ -40,40 +41,56 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     if isinstance(sys.stdout, TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a symbol must not stop a result
+    words = sys.argv[1:] if arguments is None else arguments
+    interrupts = Interrupts()
+    failure: Exception | None = None
+    status = 0
     try:
-        from cyclopts import CycloptsError  # here, so that Ctrl-C is Ctrl-C while it loads, too
-
-        from lfdepth.cli import commands, experiments  # noqa: F401  # these register themselves
-        from lfdepth.cli.app import app
-        from lfdepth.cli.options import method_named_in
-
-        words = sys.argv[1:] if arguments is None else arguments
-        commands.add_estimate(method_named_in(words) if "estimate" in words else None)
-        try:
-            status = app(words, exit_on_error=False, print_error=False, result_action="return_value")
-        except CycloptsError as error:
-            return _fail(_usage(error, method_named_in(words)))
-        sys.stdout.flush()
+        with interrupts:
+            status = _run(words)
     except KeyboardInterrupt:
+        interrupts.wanted = True
+    except Exception as error:
+        failure = error
+    if interrupts.wanted:  # whatever a library made of it
         print("interrupted", file=sys.stderr)
         return INTERRUPTED
-    except LightFieldError as error:
+    return status if failure is None else _explained(failure)
+
+
+def _run(words: Sequence[str]) -> int:
+    from cyclopts import CycloptsError  # here, so that Ctrl-C is Ctrl-C while it loads, too
+
+    from lfdepth.cli import commands, experiments  # noqa: F401  # these register themselves
+    from lfdepth.cli.app import app
+    from lfdepth.cli.options import method_named_in
+
+    commands.add_estimate(method_named_in(words) if "estimate" in words else None)
+    try:
+        status = app(words, exit_on_error=False, print_error=False, result_action="return_value")
+    except CycloptsError as error:
+        return _fail(_usage(error, method_named_in(words)))
+    sys.stdout.flush()
+    return status or 0
+
+
+def _explained(error: Exception) -> int:
+    """Print one line on what went wrong; raise it again where it is no user's mistake."""
+    if isinstance(error, LightFieldError):
         return _fail(_one_line(error))
-    except MemoryError as error:
+    if isinstance(error, MemoryError):
         return _fail(f"not enough memory ({_one_line(error)}); use fewer or smaller views")
-    except BrokenPipeError:
+    if isinstance(error, BrokenPipeError):
         sys.stdout = None  # whoever read the output has left: nothing to flush
         return FAILED
-    except OSError as error:
+    if isinstance(error, OSError):
         return _fail(f"{error.filename or 'file'}: {error.strerror or error}")
-    except RuntimeError as error:
-        if "cannot cache function" not in str(error):
-            raise
+    if isinstance(error, RuntimeError) and "cannot cache function" in str(error):
         return _fail(
             "compiled kernels: neither the package's nor the user's cache folder can be written; expected "
             "one that can; set NUMBA_CACHE_DIR to a folder of yours"
         )
-    return status or 0
+    raise error
 
 
 def _usage(error: CycloptsError, method: str) -> str:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
+from contextlib import suppress
 from dataclasses import replace
 from io import FileIO
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +30,8 @@ _NOMINAL_SENSOR_MM = 36.0
 _MOST_WIDTHS = 115.0
 # Cameras further apart than that are no light field.
 _MOST_BASELINE_M = 10.0
+# How the notes begin that lfdepth wrote up to version 0.2.
+_OLDER_NOTES = b'{\n  "lfdepth": "light field"'
 
 
 def recognise(path: Path) -> bool:
@@ -52,8 +57,9 @@ def open_hdf5(path: Path, layout: Layout) -> ViewSource:
     try:
         with readable(path):
             arrays = datasets(file)
-            text = file.attrs.get(KEY)
-            source = stack.open_arrays(arrays, text, path, layout, close=file.close, matlab=True)
+            source = stack.open_arrays(
+                arrays, _text_of_notes(file, path), path, layout, close=file.close, matlab=True
+            )
             if "LF" in arrays and {"dH", "focalLength", "shift"} <= set(file.attrs):
                 return _older_benchmark(source, file, arrays)
             return source
@@ -63,7 +69,7 @@ def open_hdf5(path: Path, layout: Layout) -> ViewSource:
 
 
 def write_views_hdf5(path: Path, lf: LightField) -> None:
-    """Write the dataset `LF` (V, U, H, W, C); truth and masks beside it, the notes as an attribute."""
+    """Write the dataset `LF` (V, U, H, W, C); truth, masks and, as text of fixed length, notes."""
     h5py = need("h5py", "hdf5", path)
     bundle = Bundle.of(lf)
     with atomic(path) as temporary, temporary.open("rb+", buffering=0) as raw:
@@ -71,7 +77,7 @@ def write_views_hdf5(path: Path, lf: LightField) -> None:
         with h5py.File(target, "w") as file:
             for name, array in bundle.arrays.items():
                 file.create_dataset(name, data=array)
-            file.attrs[KEY] = bundle.text
+            file.create_dataset(KEY, data=np.bytes_(bundle.text.encode("ascii")))
         if target.error is not None:
             raise target.error
 
@@ -138,10 +144,10 @@ def datasets(file: Any) -> dict[str, Any]:
     found = {}
     path = Path(file.filename)
 
-    def visit(name: str, item: Any) -> None:
+    def visit(name: str | bytes, item: Any) -> None:
         if hasattr(item, "shape") and item.shape is not None and item.dtype.kind in "uif":
             _check_dataset(item, path)
-            found[name] = item
+            found[name if isinstance(name, str) else name.decode("utf-8", "replace")] = item
 
     with readable(path):
         file.visititems(visit)
@@ -163,8 +169,42 @@ def _check_dataset(item: Any, path: Path) -> None:
         limits.check_unpacked(path, item.chunks, item.dtype.itemsize, stored=stored)
 
 
+def _text_of_notes(file: Any, path: Path) -> str | None:
+    """The notes of a file: a dataset of fixed length, or up to version 0.2 a text of variable length.
+
+    The HDF5 library never returns from a text of variable length whose place is damaged; so it is not asked.
+    """
+    if type(file.get(KEY, getlink=True)).__name__ == "HardLink":  # others may lead out of the file
+        item = file[KEY]
+        fixed = getattr(item, "shape", None) == () and item.dtype.kind == "S"
+        if fixed and item.dtype.itemsize <= limits.MOST_TEXT:
+            _check_dataset(item, path)
+            return bytes(item[()]).decode("ascii", "replace")
+    return _older_text(path) if KEY in file.attrs else None
+
+
+def _older_text(path: Path) -> str | None:
+    """The notes as the file's bytes have them."""
+    with path.open("rb") as raw, mmap(raw.fileno(), 0, access=ACCESS_READ) as data:
+        start = data.find(_OLDER_NOTES)
+        text = data[start : start + limits.MOST_TEXT].decode("ascii", "replace") if start >= 0 else ""
+    with suppress(ValueError, RecursionError):
+        return text[: json.JSONDecoder().raw_decode(text)[1]]
+    return None
+
+
+def _number(file: Any, name: str) -> float:
+    """The first number of an attribute, which no text or list of variable length may stand in for."""
+    attribute = file.attrs.get_id(name)
+    if attribute.dtype.kind not in "uif":
+        raise LightFieldError(
+            f"{file.filename}: {name} is of type {attribute.dtype}; expected a number; write it as one"
+        )
+    return float(np.ravel(file.attrs[name])[0])
+
+
 def _older_benchmark(source: ViewSource, file: Any, arrays: dict[str, Any]) -> ViewSource:
-    distance, focal, shift = (float(np.ravel(file.attrs[key])[0]) for key in ("dH", "focalLength", "shift"))
+    distance, focal, shift = (_number(file, key) for key in ("dH", "focalLength", "shift"))
     v, u = source.grid
     height, width = source.read_view(v // 2, u // 2).shape[:2]
     truth = None

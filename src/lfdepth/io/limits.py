@@ -26,7 +26,8 @@ MAX_VIEWS = 1 << 20
 MAX_RATIO = 200
 """How many times the bytes stored of it a larger array may have. Those of scenes have less than 10 times."""
 
-_MOST_TEXT = 16 << 20  # notes on 1000×1000 views take 4 MB
+MOST_TEXT = 16 << 20
+"""Bytes that notes take at most; those of 1000×1000 views take 4 MB."""
 
 
 def check_unpacked(
@@ -71,7 +72,7 @@ def check_grid(path: Path, grid: tuple[int, int]) -> None:
         )
 
 
-def read_text(path: Path, most: int = _MOST_TEXT) -> str:
+def read_text(path: Path, most: int = MOST_TEXT) -> str:
     """The text of a small file, UTF-8.
 
     Raises

@@ -22,9 +22,6 @@ from lfdepth.io.record import Record
 from lfdepth.io.source import ViewSource
 from lfdepth.lightfield import LightField
 
-# Bytes that notes take at most; those of 1000×1000 views take 4 MB.
-_MOST_TEXT = 16 << 20
-
 
 def recognise_npy(path: Path) -> bool:
     """True for an NPY file."""
@@ -61,7 +58,7 @@ def open_npz(path: Path, layout: Layout) -> ViewSource:
         If the archive is damaged, holds no light field, or unpacks to more than `limits.MAX_BYTES`.
     """
     members = _read_members(path)
-    text = members[KEY][()] if KEY in members and members[KEY].nbytes < _MOST_TEXT else None
+    text = members[KEY][()] if KEY in members and members[KEY].nbytes < limits.MOST_TEXT else None
     return stack.open_arrays(members, text, path, layout)
 
 

@@ -285,7 +285,8 @@ class _Window:
         return scale_view(self._cut(whole), self.scale)
 
     def disparity(self, whole: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
-        return self.map(whole) * np.float32(self.scale)
+        with np.errstate(invalid="ignore"):  # NaN of any kind stands for no disparity
+            return self.map(whole) * np.float32(self.scale)
 
     def disparity_range(self, whole: tuple[float, float] | None) -> tuple[float, float] | None:
         return whole and (whole[0] * self.scale, whole[1] * self.scale)

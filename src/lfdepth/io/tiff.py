@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import struct
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
@@ -45,11 +46,15 @@ def open_tiff(path: Path, layout: Layout) -> ViewSource:
         colours.
     """
     tifffile = need_tifffile(path)
+    file = None
     try:
         file = tifffile.TiffFile(path, _multifile=False)  # what other files hold is not asked for
+        _check_order(file)
         stored = _Stored.of(file)
         description = str(file.pages[0].description)
     except Exception as error:  # tifffile raises many kinds on damaged files
+        if file is not None:
+            file.close()
         raise stack.unreadable(path, error) from None
     lock = Lock()  # the pages share one file handle
 
@@ -181,6 +186,24 @@ class _Plane:
         return self._pixels
 
 
+def _check_order(file: Any) -> None:
+    """Raise ValueError where a page comes after itself: tifffile would go round and round."""
+    form, handle = file.tiff, file.filehandle
+    seen: set[int] = set()
+    at = file.pages[0].offset
+    while 0 < at < handle.size:
+        if at in seen:
+            raise ValueError("its pages follow each other in a circle")
+        seen.add(at)
+        handle.seek(at)
+        tags = handle.read(form.tagnosize)
+        if len(tags) < form.tagnosize:
+            return
+        handle.seek(struct.unpack(form.tagnoformat, tags)[0] * form.tagsize, 1)
+        following = handle.read(form.offsetsize)
+        at = struct.unpack(form.offsetformat, following)[0] if len(following) == form.offsetsize else 0
+
+
 def _white(file: Any) -> float | None:
     """The value of white that a TIFF states: by its tags, or by what OME calls significant bits."""
     if file.is_ome and (bits := re.search(r'SignificantBits="(\d+)"', str(file.ome_metadata))):
@@ -193,6 +216,7 @@ def pages_of_tiff(path: Path) -> int:
     tifffile = need_tifffile(path)
     try:
         with tifffile.TiffFile(path) as file:
+            _check_order(file)
             return len(file.pages)
     except Exception as error:
         raise stack.unreadable(path, error) from None

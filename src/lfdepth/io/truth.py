@@ -64,7 +64,8 @@ def read_truth(
     truth = checked_map(values, str(path), finite=False)
     if scale is None and not offset:
         return truth
-    return (np.float64(offset) + np.float64(1 if scale is None else scale) * truth).astype(np.float32)
+    with np.errstate(over="ignore", invalid="ignore"):  # no disparity: infinite, as where the file has none
+        return (np.float64(offset) + np.float64(1 if scale is None else scale) * truth).astype(np.float32)
 
 
 def _samples(path: Path, scale: float | None) -> npt.NDArray[Any]:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
+import errno
 import json
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +24,7 @@ from lfdepth.io.record import Record
 from lfdepth.io.source import ViewSource
 from lfdepth.lightfield import LightField
 
+_PATIENCE = 60.0  # s, for what Zarr has under way, which takes milliseconds
 _MARKERS = ("zarr.json", ".zarray", ".zgroup")
 _LOOKED_FOR = {*stack.NAMES, "disparity", "depth", "confidence", "sigma", TRUTH}
 _NUMBERS = re.compile(r"[<>|=]?[biuf][1248]|u?int(?:8|16|32|64)|float(?:16|32|64)|bool")
@@ -86,9 +91,12 @@ def write_zarr(path: Path, record: Record) -> None:
         "runtime": record.runtime,
         "parameters": record.parameters,
     }
-    with atomic_folder(path, manifest=f"{record.quantity}/{MANIFEST}") as temporary:
+    with (
+        atomic_folder(path, manifest=f"{record.quantity}/{MANIFEST}") as temporary,
+        _writing(zarr, temporary) as store,
+    ):
         # Version 2 of the format is what older libraries read too.
-        group = zarr.open_group(str(temporary), mode="w", zarr_format=2)
+        group = zarr.open_group(store, mode="w", zarr_format=2)
         group.create_array(record.quantity, data=record.values)
         for name in ("confidence", "sigma"):
             if (beside := getattr(record, name)) is not None:
@@ -103,13 +111,42 @@ def write_views_zarr(path: Path, lf: LightField) -> None:
     """
     zarr = need("zarr", "zarr", path)
     bundle = Bundle.of(lf)
-    with atomic_folder(path, manifest=f"LF/{MANIFEST}") as temporary:
-        group = zarr.open_group(str(temporary), mode="w", zarr_format=2)
+    with atomic_folder(path, manifest=f"LF/{MANIFEST}") as temporary, _writing(zarr, temporary) as store:
+        group = zarr.open_group(store, mode="w", zarr_format=2)
         for name, array in bundle.arrays.items():
             group.create_array(
                 name, data=array, chunks=(1, 1, *array.shape[2:]) if array.ndim == 5 else "auto"
             )
         group.attrs[KEY] = bundle.text
+
+
+@contextmanager
+def _writing(zarr: Any, folder: Path) -> Iterator[Any]:
+    """A store in a folder, to which nothing is written any more when the context has been left.
+
+    Zarr writes several files at once, and after one has failed goes on with the others: into a folder that
+    may have been removed, and comes back.
+    """
+    over, loop = False, None
+
+    class Store(zarr.storage.LocalStore):  # type: ignore[misc]
+        async def set(self, key: str, value: Any) -> None:
+            nonlocal loop
+            loop = asyncio.get_running_loop()
+            if over:
+                raise OSError(errno.ECANCELED, "another file could not be written")
+            await super().set(key, value)
+
+    async def settle() -> None:
+        if others := asyncio.all_tasks() - {asyncio.current_task()}:
+            await asyncio.wait(others, timeout=_PATIENCE)
+
+    try:
+        yield Store(folder)
+    finally:
+        over = True
+        if loop is not None:
+            asyncio.run_coroutine_threadsafe(settle(), loop).result()
 
 
 def _open(path: Path) -> tuple[Any, dict[str, Any] | None]:

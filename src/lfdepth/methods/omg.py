@@ -48,8 +48,8 @@ class Omg(Method):
     scale: Annotated[
         float,
         Real(
-            "Largest jump of disparity for which views are chosen rightly: so many px around a pixel stand for "
-            "a view step.",
+            "Largest jump of disparity for which views are chosen rightly: so many px around a pixel stand "
+            "for a view step.",
             gt=0,
             le=10,
             unit="px per view step",
