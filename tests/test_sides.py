@@ -17,6 +17,7 @@ from lfdepth import scenes
 from lfdepth.blocks import occluders
 from lfdepth.blocks.contours import canny, orientations, spread, spread_largest
 from lfdepth.blocks.parallelogram import binned
+from lfdepth.blocks.smoothing import guide_image
 from lfdepth.engines import engine
 from lfdepth.errors import LightFieldError
 from lfdepth.estimation import estimate
@@ -315,9 +316,7 @@ def test_omg_is_lf_occ_without_edges() -> None:
             for groups, choose in (
                 (
                     occluders.halves(lf, nowhere),
-                    occluders.choose_half(
-                        occluders.side_contrast(lf, nowhere), lf.reference / np.float32(255)
-                    ),
+                    occluders.choose_half(occluders.side_contrast(lf, nowhere), guide_image(lf, "colour")),
                 ),
                 (
                     occluders.consistent_groups(
@@ -384,7 +383,7 @@ def mirrored(lf: LightField) -> LightField:
     return LightField(np.ascontiguousarray(lf.views[:, ::-1, :, ::-1]))
 
 
-LAWFUL = {
+LAWFUL: dict[str, dict[str, Any]] = {
     "spo": {},
     "spo-mo": {"edge_radius": 0},
     "lf-occ": {"regulariser": "none", "edge_radius": 0},

@@ -28,8 +28,8 @@ class Omg(Method):
     """What is occluded near an edge, and from which views, the picture around the pixel says.
 
     Zhu, Wang, Yu: Occlusion-model guided antiocclusion depth estimation in light field, IEEE JSTSP 11(7),
-    2017, doi:10.1109/JSTSP.2017.2730818. Much of it is not known: docs/baselines.md says what stands in its
-    place.
+    2017, doi:10.1109/JSTSP.2017.2730818. Much of it is not known: docs/spo-lf-occ-omg.md says what
+    stands in its place.
     """
 
     info: ClassVar = MethodInfo(

@@ -27,7 +27,7 @@ class SpoMo(Method):
 
     Sheng, Zhao, Zhang, Zhang, Yang: Occlusion-aware depth estimation for light field using multi-orientation
     EPIs, Pattern Recognition 74, 2018, doi:10.1016/j.patcog.2017.09.010. How directions are weighed there is
-    not known: docs/baselines.md says what stands in its place.
+    not known: docs/spo-lf-occ-omg.md says what stands in its place.
     """
 
     info: ClassVar = MethodInfo(
