@@ -1,6 +1,7 @@
 """The tables of docs/spo-lf-occ-omg.md: near depth edges, and SPO beside its published maps.
 
-    python benchmarks/occluders.py [--size 128] [--labels 64] [--data FOLDER --maps FOLDER [--radius 7 5]]
+    python benchmarks/occluders.py [--scenes bars ...] [--size 128] [--labels 64]
+                                   [--data FOLDER --maps FOLDER [--radius 7 5]]
 
 Procedural scenes without their outer 8 px. The folder of data holds scenes of the 4D Light Field Benchmark
 with low-resolution truth, that of maps SCENE.pfm as the authors of SPO submitted them, one label too far.
@@ -9,7 +10,9 @@ with low-resolution truth, that of maps SCENE.pfm as the authors of SPO submitte
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,23 +21,23 @@ from scipy import ndimage
 import lfdepth
 from lfdepth import scenes
 from lfdepth.io.pfm import read_pfm
-from reporting import machine_line, markdown
+from reporting import Cell, machine_line, markdown
 
 SCENES = ("bars", "fence", "leaves", "wedges")
 LABELS = 256
 
 
-def near_edges(size: int, labels: int) -> None:
+def near_edges(names: Sequence[str], size: int, labels: int) -> None:
     """BadPix 0.07 within 5 px of jumps for SPO, and in the scenes' mask of depth edges for the others."""
-    inner, rows = (slice(8, -8), slice(8, -8)), []
-    for name in SCENES:
+    inner, rows = (slice(8, -8), slice(8, -8)), list[Sequence[Cell]]()
+    for name in names:
         lf = scenes.render(name, size=size)
         truth = lf.truth
         assert truth is not None
         steps = ndimage.maximum_filter(truth, 3) - ndimage.minimum_filter(truth, 3)
         jumps = ndimage.binary_dilation(steps > 0.2, iterations=4)
 
-        def bad(method: str, where: NDArray[np.bool_], **options: str) -> float:
+        def bad(method: str, where: NDArray[np.bool_], **options: Any) -> float:
             found = lfdepth.estimate(lf, method, planes=labels, check=False, **options).disparity  # noqa: B023
             return 100 * float(np.mean((np.abs(found - truth) > 0.07)[inner][where[inner]]))  # noqa: B023
 
@@ -43,8 +46,8 @@ def near_edges(size: int, labels: int) -> None:
         for rule in ("none", "paths"):
             values += [bad(method, edge, regulariser=rule) for method in ("lf-occ", "omg")]
         rows.append([name, *values])
-    names = ["spo", "spo-mo", "lf-occ, none", "omg, none", "lf-occ, paths", "omg, paths"]
-    print(markdown(["BadPix 0.07, %", *names], rows), flush=True)
+    columns = ["spo", "spo-mo", "lf-occ, none", "omg, none", "lf-occ, paths", "omg, paths"]
+    print(markdown(["BadPix 0.07, %", *columns], rows), flush=True)
 
 
 def beside_published(folder: Path, published: NDArray[np.float32], radius: int) -> list[list[str]]:
@@ -69,6 +72,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
+    parser.add_argument("--scenes", nargs="+", default=list(SCENES), choices=SCENES)
     parser.add_argument("--size", type=int, default=128)
     parser.add_argument("--labels", type=int, default=64)
     parser.add_argument("--data", type=Path, help="folder with scenes of the benchmark")
@@ -76,7 +80,7 @@ def main() -> None:
     parser.add_argument("--radius", type=int, nargs="+", default=[7], help="of SPO's guided filter")
     chosen = parser.parse_args()
     print(f"{machine_line()}.\n")
-    near_edges(chosen.size, chosen.labels)
+    near_edges(chosen.scenes, chosen.size, chosen.labels)
     if chosen.data and chosen.maps:
         header = ["", "BadPix 0.07", "0.03", "0.01", "MSE×100", "% within two labels"]
         for path in sorted(chosen.maps.glob("*.pfm")):

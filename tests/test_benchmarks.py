@@ -93,3 +93,10 @@ def test_ablation_spells_settings_as_the_command_line_takes_them(monkeypatch: py
             assert setting(text).resolve() == method(used, **options), name
         else:
             assert used == name
+
+
+def test_occluders() -> None:
+    text = run("occluders", "--scenes", "fence", "--size", "48", "--labels", "9")
+    rows = [line.split("|")[1:-1] for line in text.splitlines() if line.startswith("|")][2:]
+    assert [row[0].strip() for row in rows] == ["fence"]
+    assert all(0 < float(value) < 100 for row in rows for value in row[1:])
