@@ -32,6 +32,11 @@ def clean() -> dict[str, float]:
     return {}
 
 
+@pytest.fixture(scope="module")
+def clean(leaves: LightField) -> float:
+    return bad_pixels(spoil(leaves, Imperfections(noise=NOISE)), "fbs-vis", equalise=False)
+
+
 def bad_pixels(lf: LightField, method: str, *, equalise: bool = True) -> float:
     assert lf.truth is not None
     found = lfdepth.estimate(lf, method, equalise=equalise, threads=2).disparity
@@ -249,6 +254,5 @@ def _blocks(views: Any) -> Any:
         Imperfections(gain=0.05, vignetting=0.7, noise=NOISE),
     ],
 )
-def test_each_difference_alone(case: Imperfections, leaves: LightField) -> None:
-    clean = bad_pixels(spoil(leaves, Imperfections(noise=NOISE)), "fbs-vis", equalise=False)
+def test_each_difference_alone(case: Imperfections, leaves: LightField, clean: float) -> None:
     assert bad_pixels(spoil(leaves, case), "fbs-vis") < 1.25 * clean
