@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ import lfdepth
 from lfdepth import scenes
 from lfdepth.engines import engine
 from lfdepth.lightfield import LightField
-from lfdepth.scenes.cameras import Imperfections, spoil
+from lfdepth.scenes.cameras import Imperfections, spoil, unspoil
 
 NOISE = 0.002
 TOGETHER = Imperfections(
@@ -29,6 +30,12 @@ def leaves() -> LightField:
 def clean() -> dict[str, float]:
     """Bad pixels of each method where all views are equally bright, once they are known."""
     return {}
+
+
+@pytest.fixture(scope="module")
+def usual(leaves: LightField) -> float:
+    """Bad pixels of the default method where all views are equally bright."""
+    return bad_pixels(spoil(leaves, Imperfections(noise=NOISE)), "fbs-vis", equalise=False)
 
 
 def bad_pixels(lf: LightField, method: str, *, equalise: bool = True) -> float:
@@ -198,3 +205,55 @@ def test_windows_are_averaged_alike_by_both_engines(leaves: LightField) -> None:
     )
     np.testing.assert_allclose(fast[0], plain[0], atol=1e-3)
     np.testing.assert_array_equal(fast[1], plain[1])
+
+
+def test_vignetting_is_found_that_falls_as_a_real_lens_does(leaves: LightField) -> None:
+    """cos⁴ of the angle to the axis, as far as 70 % in the corners, whose middle moves from view to view."""
+    y, x = np.meshgrid(np.linspace(-1, 1, leaves.height), np.linspace(-1, 1, leaves.width), indexing="ij")
+    squared = 0.7**-0.5 - 1  # of the tangent of the angle in the corners
+    rng = np.random.default_rng(0)
+    factor = np.empty((*leaves.shape[:2], leaves.height, leaves.width))
+    for v, u in np.ndindex(9, 9):
+        away = ((y - 0.05 * (v - 4)) ** 2 + (x - 0.05 * (u - 4)) ** 2) / 2
+        factor[v, u] = (1 + squared * away) ** -2
+    values = leaves.views * factor[..., None] + 255 * NOISE * rng.standard_normal(leaves.shape)
+    spoiled = replace(leaves, views=np.rint(np.clip(values, 0, 255)).astype(np.uint8))
+    mended = lfdepth.equalise(spoiled, lfdepth.measure_brightness(spoiled)).views / 65535
+    ratio = _blocks(mended) / _blocks(leaves.views / 255)
+    off = ratio / ratio[4, 4] - 1
+    assert np.sqrt((off**2).mean()) < 0.006
+    without = _blocks(spoiled.views / 255) / _blocks(leaves.views / 255)
+    assert np.sqrt(((without / without[4, 4] - 1) ** 2).mean()) > 0.02
+
+
+@pytest.mark.parametrize("name", ["demo", "leaves"])
+@pytest.mark.parametrize(
+    "case", [Imperfections(vignetting=0.7, wandering=0.5, noise=NOISE), TOGETHER], ids=["wandering", "all"]
+)
+def test_what_is_left_of_shading(name: str, case: Imperfections) -> None:
+    lf = scenes.render(name, size=192, views=9, seed=3, samples=1)
+    spoiled = spoil(lf, case)
+    mended = lfdepth.equalise(spoiled, lfdepth.measure_brightness(spoiled)).views / 65535
+    ratio = _blocks(mended) / _blocks(unspoil(spoiled, case).views / 65535)
+    assert np.sqrt(((ratio / ratio[4, 4] - 1) ** 2).mean()) < 0.0035
+
+
+def _blocks(views: Any) -> Any:
+    """Means of 16×16 px of every view."""
+    v, u, height, width, channels = views.shape
+    return views.reshape(v, u, height // 16, 16, width // 16, 16, channels).mean(axis=(3, 5, 6))
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        Imperfections(white_balance=0.05, noise=NOISE),
+        Imperfections(falloff=0.95, noise=NOISE),
+        Imperfections(falloff=0.8, noise=NOISE),
+        Imperfections(falloff=0.6, noise=NOISE),
+        Imperfections(offset=0.02, noise=NOISE),
+        Imperfections(gain=0.05, vignetting=0.7, noise=NOISE),
+    ],
+)
+def test_each_difference_alone(case: Imperfections, leaves: LightField, usual: float) -> None:
+    assert bad_pixels(spoil(leaves, case), "fbs-vis") < 1.25 * usual

@@ -14,13 +14,13 @@ def window_ends(length: int, radius: int) -> tuple[NDArray[np.int64], NDArray[np
     return np.maximum(index - radius, 0), np.minimum(index + radius + 1, length)
 
 
-def box_mean(image: NDArray[Any], radius: int) -> NDArray[np.float64]:
-    """Mean over (2·radius + 1)² windows cut at the border; (H, W) float64."""
-    mean = np.asarray(image, np.float64)
+def box_mean(image: NDArray[Any], radius: int, kind: Any = np.float64) -> NDArray[Any]:
+    """Mean over (2·radius + 1)² windows cut at the border; (H, W) of a kind; single will do for pictures."""
+    mean = np.asarray(image, kind)
     for axis in (0, 1):
         length = mean.shape[axis]
         total = np.concatenate([np.zeros_like(mean.take([0], axis)), np.cumsum(mean, axis)], axis)
         first, last = window_ends(length, radius)
-        count = (last - first).reshape((-1, 1) if axis == 0 else (1, -1))
+        count = (last - first).reshape((-1, 1) if axis == 0 else (1, -1)).astype(kind)
         mean = (total.take(last, axis) - total.take(first, axis)) / count
     return mean

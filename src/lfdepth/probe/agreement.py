@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_POINTS = 3000
+_POINTS = 1500
 # Radius of the windows, and how far off a window shows something else, px; least contrast, of full scale.
 _REACH, _ELSEWHERE, _CONTRAST = 2, 5, 0.015
 _EDGE = _REACH + _ELSEWHERE + 1
@@ -38,7 +38,7 @@ def disagreement(lf: LightField, disparity: NDArray[Any], *, engine: Engine | No
     -------
     (N,) array, one value for each point.
     """
-    grey = box_mean(luma(lf.reference) / lf.full_scale, _REACH)
+    grey = box_mean(luma(lf.reference) / np.float32(lf.full_scale), _REACH, np.float32)
     contrast = np.zeros_like(grey)
     for axis in (0, 1):
         for step in (-_ELSEWHERE, _ELSEWHERE):

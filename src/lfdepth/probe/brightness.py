@@ -32,6 +32,8 @@ _RINGS = 1.0, 1 / 3
 # Samples at most, and at least.
 _SAMPLES, _FEWEST = 2000, 100
 _ROUNDS, _TURNS = 4, 3
+# How many samples tell how far they scatter.
+_ENOUGH = 400
 # What offsets (of full scale) and terms of the shading are expected to be, where the views do not tell.
 _USUAL_SHADING, _USUAL_DEVIATION = 0.3, 1.0
 # Error of a sample, of full scale, neighbours being alike.
@@ -41,6 +43,8 @@ _NOTABLE, _APART = 0.002, 0.5
 # By which share parts of the model have to lessen what is left: gloss, occlusion and noise do by less.
 _VIGNETTING, _SHADING, _OFFSET = 0.01, 0.08, 0.045
 # Coefficient of x² + y² above which vignetting is none; rounding, of full scale.
+# Ways in which shading falls; the least base of a power.
+_POWERS, _LEAST_FACTOR = (1000.0, 1.0, -2.0), 0.05
 _FAINT_VIGNETTING, _ROUNDING = -0.04, 0.0003
 # A view is left out where fewer samples agree than this share of what agrees in the typical view.
 _AGREEING = 0.5
@@ -53,8 +57,8 @@ _FAINT, _FINEST = 1e-4, 0.0015
 class Equalisation:
     """How the brightness of each view differs from the reference view's.
 
-    A level L of the reference view is, in view (v, u) at (x, y), `gain·exp(shading·(x, y, x², xy, y²))·L +
-    offset`, with x and y from −1 to 1 over the picture.
+    A level L of the reference view is, in view (v, u) at (x, y), `gain·(1 + p/power)^power·L + offset`, where
+    p = shading·(x, y, x², xy, y²), with x and y from −1 to 1 over the picture.
 
     Attributes
     ----------
@@ -72,6 +76,8 @@ class Equalisation:
         Blocks of the reference view from which this was measured; 0 if the views did not allow it.
     needed : bool
         Whether the differences are worth mending.
+    power : float
+        How shading falls: 1 as a polynomial does, −2 as cos⁴ of the angle does, 1000 as an exponential does.
     """
 
     gain: Array
@@ -81,6 +87,7 @@ class Equalisation:
     effect: Array
     samples: int
     needed: bool
+    power: float = 1000.0
 
     def as_dict(self) -> dict[str, Any]:
         """Plain dictionary that JSON can hold."""
@@ -92,6 +99,7 @@ class Equalisation:
             "gain": self.gain.tolist(),
             "offset": self.offset.tolist(),
             "shading": self.shading.tolist(),
+            "shading_power": self.power,
             "message": self.message,
         }
 
@@ -112,7 +120,7 @@ class Equalisation:
                 f"offsets {100 * self.offset[kept].min():.1f} to {100 * self.offset[kept].max():.1f} %"
             )
         if self.shading.any():
-            corners = np.exp(self.shading[..., [2, 4]].sum(axis=-1))
+            corners = _shaded(self.shading[..., [2, 4]].sum(axis=-1), self.power)
             parts.append(f"shading, corners at {100 * float(np.median(corners)):.0f} %")
         return "; ".join(filter(None, [f"differs between views ({', '.join(parts)}), made equal", dark]))
 
@@ -144,7 +152,9 @@ def equalise(lf: LightField, found: Equalisation) -> LightField:
     for index in np.ndindex(*lf.shape[:2]):
         if lf.present is not None and not lf.present[index]:
             continue
-        factor = (white / lf.full_scale / np.exp(terms @ found.shading[index])).astype(np.float32)
+        factor = (white / lf.full_scale / _shaded(terms @ found.shading[index], found.power)).astype(
+            np.float32
+        )
         levels = lf.views[index] - (found.offset[index] * lf.full_scale).astype(np.float32)
         levels *= factor[..., None] / found.gain[index].astype(np.float32)
         np.clip(levels, 0, white, out=levels)
@@ -208,6 +218,11 @@ def first_map(
 def _terms(y: NDArray[Any], x: NDArray[Any]) -> NDArray[np.float32]:
     """(…, 5) terms x, y, x², xy, y² of the shading."""
     return np.stack([x, y, x * x, x * y, y * y], axis=-1).astype(np.float32)
+
+
+def _shaded(polynomial: NDArray[Any], power: float) -> Array:
+    """Factor that a polynomial of the place stands for."""
+    return np.asarray(np.maximum(1 + polynomial / power, _LEAST_FACTOR) ** power, np.float64)
 
 
 def _fitted(lf: LightField, disparity: NDArray[Any] | None, engine: Engine) -> Equalisation:
@@ -279,7 +294,7 @@ class _Fit:
 
     def _factor(self) -> NDArray[np.float32]:
         """Shading (V·U, N) at the samples."""
-        return np.asarray(np.exp(np.einsum("vnk,vk->vn", self.terms, self.shading)), np.float32)
+        return _shaded(np.einsum("vnk,vk->vn", self.terms, self.shading), self.power).astype(np.float32)
 
     def _fit_shading(self) -> None:
         """Vignetting that all views share, and what each view has besides, from logarithms of the luma."""
@@ -295,12 +310,23 @@ class _Fit:
             columns.append(self.terms)
             prior += [_USUAL_DEVIATION**-2] * 5
         design = np.concatenate(columns, axis=-1)
-        shared = radius - radius[self.centre] if self.with_vignetting else np.zeros_like(radius)
+        shared_radius = radius if self.with_vignetting else np.zeros_like(radius)
         weight = np.where(usable, lit**2, 0).astype(np.float32)
+        solved, common = np.zeros((views, design.shape[-1])), 0.0
         for _ in range(_ROUNDS):
-            solved, common = _arrow(design, shared, target, weight / _ERROR**2, np.array(prior))
-            fitted = np.einsum("vnk,vk->vn", design, solved.astype(np.float32)) + np.float32(common) * shared
-            error = np.abs(target - fitted) * lit
+            # logarithms of the factors, and how they change with the parameters, about those of before
+            own = np.einsum("vnk,vk->vn", design[..., 1:], solved[:, 1:].astype(np.float32))
+            base = np.maximum(1 + (own + common * shared_radius) / self.power, _LEAST_FACTOR)
+            log = self.power * np.log(base)
+            slope = (1 / base).astype(np.float32)
+            turned = np.concatenate([design[..., :1], design[..., 1:] * slope[..., None]], axis=-1)
+            column = shared_radius * slope
+            column = column - column[self.centre]
+            shown = (log - log[self.centre]).astype(np.float32)
+            about = target - shown + own * slope + np.float32(common) * column
+            solved, common = _arrow(turned, column, about, weight / _ERROR**2, np.array(prior))
+            fitted = np.einsum("vnk,vk->vn", turned, solved.astype(np.float32)) + np.float32(common) * column
+            error = np.abs(about - fitted) * lit
             weight = usable * lit**2 * _trust(error, usable)
         self.shading = solved[:, 1:] if self.with_shading else np.zeros((views, 5))
         self.shading = self.shading - self.shading[self.centre]
@@ -337,13 +363,27 @@ class _Fit:
     def select(self) -> None:
         """Keep only those parts of the model that make the views agree notably better."""
         self.with_shading = self.with_vignetting = self.with_offset = False
+        self.power = _POWERS[0]
         self.fit()
         self._try("with_vignetting", _VIGNETTING)
         if self.with_vignetting and self.shading[self.centre, 2] > _FAINT_VIGNETTING:
             self.with_vignetting = False
             self.fit()
         self._try("with_shading", _SHADING)
+        if self.with_vignetting:
+            self._choose_power()
         self._try("with_offset", _OFFSET)
+
+    def _choose_power(self) -> None:
+        """The way of falling that leaves the least difference."""
+        best = dict(vars(self))
+        least = self.left
+        for power in _POWERS[1:]:
+            self.power = power
+            self.fit()
+            if self.left < least:
+                best, least = dict(vars(self)), self.left
+        vars(self).update(best)
 
     def _try(self, part: str, share: float) -> None:
         """Fit with one part more; undo it unless what is left of the differences falls by that share."""
@@ -384,7 +424,7 @@ class _Fit:
         used = present.reshape(-1) & ~left_out
         effect = np.where(used, self.effect(), 0)
         # the brightness of the corners and the middle of the reference view meets half way
-        gain = self.gain * np.exp(-2 / 3 * self.shading[self.centre, 2])
+        gain = self.gain / _shaded(2 / 3 * self.shading[self.centre, 2], self.power)
         return Equalisation(
             gain=gain.reshape(*present.shape, -1),
             offset=self.offset.reshape(*present.shape, -1),
@@ -393,6 +433,7 @@ class _Fit:
             effect=effect.reshape(present.shape),
             samples=self.levels.shape[1],
             needed=self._needed(effect, used),
+            power=self.power,
         )
 
     def _needed(self, effect: Array, used: NDArray[np.bool_]) -> bool:
@@ -435,5 +476,6 @@ def _rms(values: NDArray[Any], weight: NDArray[np.float32]) -> Array:
 
 def _trust(error: NDArray[np.float32], valid: NDArray[np.bool_]) -> NDArray[np.float32]:
     """Weight (V·U, N) in [0, 1] of samples with these errors: little for what most others contradict."""
-    scale = np.maximum(1.48 * _median(error, valid), _FINEST).astype(np.float32)[:, None]
+    some = slice(None, None, max(1, error.shape[1] // _ENOUGH))
+    scale = np.maximum(1.48 * _median(error[:, some], valid[:, some]), _FINEST).astype(np.float32)[:, None]
     return np.asarray(1 / (1 + (error / (2 * scale)) ** 2) ** 2, np.float32)

@@ -12,10 +12,11 @@ from lfdepth.engines import using
 from lfdepth.probe.agreement import disagreement, likeness, share_in_place
 from lfdepth.probe.brightness import measure_brightness
 from lfdepth.probe.geometry import (
+    CHECKED_POINTS,
     NOTABLE_ASPECT,
     NOTABLE_POSITIONS,
     measure_aspect,
-    measure_off_grid,
+    off_grid_at,
     textured_points,
 )
 from lfdepth.probe.order import check_orientation
@@ -116,15 +117,17 @@ def check_map(
     if prepared.equalisation is None:
         left = measure_brightness(lf, range=range, engine=engine)
         uneven = float(left.effect.max()) if left.needed else 0.0
-    sure = np.where(confidence > _SURE, disparity, np.nan)
+    sure = textured_points(lf, np.where(confidence > _SURE, disparity, np.nan), CHECKED_POINTS)
+    with using(engine) as used:
+        off_grid, in_place = off_grid_at(lf, sure, used), _in_place(lf, disparity, sure, used)
     found = Checks(
         disagreeing=float((apart > _DISAGREEING).mean()) if apart.size else 0.0,
         at_ends=_at_ends(lf, disparity, prepared, engine),
         without_evidence=float((confidence < _NO_EVIDENCE).mean()),
         uneven=uneven,
         aspect=measure_aspect(lf, range, engine=engine),
-        off_grid=measure_off_grid(lf, sure, engine=engine),
-        in_place=_in_place(lf, disparity, sure, engine),
+        off_grid=off_grid,
+        in_place=in_place,
         brightest=float(lf.views.max() / lf.full_scale),
     )
     if min(lf.shape[:2]) > 1 and found.aspect is None:
@@ -134,13 +137,16 @@ def check_map(
 
 
 def _in_place(
-    lf: LightField, disparity: NDArray[np.float32], sure: NDArray[np.float32], engine: Engine | None
+    lf: LightField,
+    disparity: NDArray[np.float32],
+    sure: tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]],
+    engine: Engine,
 ) -> float:
-    points, d, _ = textured_points(lf, sure, _COMPARED)
+    points, d, _ = sure
     if len(d) < _COMPARED // 4:  # a map that is wrong everywhere may be sure of nothing
         points, d, _ = textured_points(lf, disparity, _COMPARED)
-    with using(engine) as used:
-        return share_in_place(likeness(lf, points, d, used))
+    every = slice(None, None, max(1, -(-len(d) // _COMPARED)))
+    return share_in_place(likeness(lf, points[every], d[every], engine))
 
 
 def _at_ends(

@@ -34,7 +34,7 @@ _ERROR = 0.3
 _POINTS, _FEWEST = 3000, 200
 _ROUNDS, _TURNS = 3, 4
 # A check after every estimate has to be quick, and tells one thing, not two for each view.
-_CHECKED_POINTS, _CHECKED_TURNS = 1200, 2
+CHECKED_POINTS, _CHECKED_TURNS = 1000, 2
 # How well two halves of the picture have to agree on where cameras stand: 0.97 where they stray by 5 %, at
 # most 0.55 on a regular grid where they say more than 2 %.
 _LIKENESS = 0.8
@@ -167,14 +167,19 @@ def measure_off_grid(
         Robust standard deviation in steps; a ratio of vertical to horizontal steps and the reference view's
         own place apart. 0 where the views do not tell.
     """
-    points, d, gradient = textured_points(lf, disparity, _CHECKED_POINTS)
+    with using(engine, threads=threads) as used:
+        return off_grid_at(lf, textured_points(lf, disparity, CHECKED_POINTS), used)
+
+
+def off_grid_at(lf: LightField, textured: tuple[NDArray[np.int64], Array, Array], engine: Engine) -> float:
+    """`measure_off_grid` by `textured_points`."""
+    points, d, gradient = textured
     if len(d) < _FEWEST:
         return 0.0
     left = points[:, 1] < np.median(points[:, 1])
-    with using(engine, threads=threads) as used:
-        halves = [
-            _moved(lf, points[half], d[half], gradient[half], _CHECKED_TURNS, used) for half in (left, ~left)
-        ]
+    halves = [
+        _moved(lf, points[half], d[half], gradient[half], _CHECKED_TURNS, engine) for half in (left, ~left)
+    ]
     # what is true of the cameras, both halves of the picture say; errors, each its own
     there = lf.available.copy()
     there[lf.centre] = False
@@ -267,7 +272,7 @@ def textured_points(
     """Pixels (N, 2) with texture that moves, their disparity, and gradient (N, 2) of full scale per px."""
     from lfdepth.engines.boxes import box_mean
 
-    grey = box_mean(luma(lf.reference) / lf.full_scale, _REACH)
+    grey = box_mean(luma(lf.reference) / np.float32(lf.full_scale), _REACH, np.float32)
     slope: Array = np.stack([np.gradient(grey, axis=axis) for axis in (0, 1)], axis=-1)
     known = np.isfinite(disparity) & (np.abs(disparity) > _MOVING)
     known &= np.hypot(slope[..., 0], slope[..., 1]) > _GRADIENT

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -291,23 +291,30 @@ def _parabola(
 
 def _prepared(lf: LightField, index: tuple[int, int], shrink: int) -> NDArray[np.float32]:
     """Grey levels of a view, shrunk, then smoothed by (1, 2, 1)/4: then sampling hardly blurs it."""
-    grey = luma(lf.views[index]) * np.float32(255 / lf.full_scale)
+    samples = lf.views[index]
     if shrink > 1:
-        grey = _shrunk(_shrunk(grey, shrink).T, shrink).T
+        samples = _summed(_summed(samples, shrink, 0), shrink, 1)
+    grey = luma(samples) * np.float32(255 / lf.full_scale / shrink**2)
     padded = np.pad(grey, 1, "edge")
     columns: NDArray[np.float32] = (padded[:-2] + 2 * padded[1:-1] + padded[2:]) / np.float32(4)
     return np.asarray((columns[:, :-2] + 2 * columns[:, 1:-1] + columns[:, 2:]) / np.float32(4))
 
 
-def _shrunk(grey: NDArray[np.float32], shrink: int) -> NDArray[np.float32]:
-    """Means of so many neighbouring rows."""
-    height = len(grey) // shrink
-    rows = [grey[first : height * shrink : shrink] for first in range(shrink)]
-    return np.asarray(sum(rows[1:], rows[0]) / np.float32(shrink))
+def _summed(samples: NDArray[Any], shrink: int, axis: int) -> NDArray[Any]:
+    """Sums of so many neighbouring samples along an axis."""
+    length = samples.shape[axis] // shrink
+    parts = [
+        samples[(slice(None),) * axis + (slice(first, length * shrink, shrink),)] for first in range(shrink)
+    ]
+    wide = np.uint32 if samples.dtype.kind == "u" else np.float32
+    total: NDArray[Any] = np.add(parts[0], parts[1], dtype=wide)
+    for part in parts[2:]:
+        total += part
+    return total
 
 
 def local_contrast(lf: LightField, index: tuple[int, int], shrink: int) -> NDArray[np.float32]:
     """Difference of a prepared view to its surroundings, as a share of those, in 1/100."""
     grey = _prepared(lf, index, shrink)
-    around = box_mean(grey, _SURROUNDINGS)
+    around = box_mean(grey, _SURROUNDINGS, np.float32)
     return np.asarray(100 * (grey - around) / (around + _DARKNESS), np.float32)
