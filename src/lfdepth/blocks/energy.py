@@ -37,7 +37,7 @@ from lfdepth.trace import Trace
 _LARGEST_ISLAND = 2
 """Pixels up to which an island at an end of the range is filled."""
 
-_CONTRAST = (0.03, 0.1)
+_CONTRAST = (0.01, 0.25)
 """Of photo-consistency along the planes, between which its weight rises from 0 to 1."""
 
 
