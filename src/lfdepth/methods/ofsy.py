@@ -62,7 +62,7 @@ class Ofsy(Method):
             gt=0,
             le=10,
             unit="px per view step",
-            symbol="δ_max",
+            symbol="δmax",
         ),
     ] = 0.3
     regulariser: labels.Regulariser = "paths"
