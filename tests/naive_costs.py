@@ -62,6 +62,7 @@ def focal_symmetry(
     reach: int,
     sigma: float,
     present: Array,
+    stride: int = 1,
 ) -> Array:
     """(K, H, W) mean over distances of the least unlikeness of two stacks before and behind each plane."""
     means: list[list[Array]] = [
@@ -81,7 +82,7 @@ def focal_symmetry(
                 ],
                 axis=0,
             )
-            for d in range(reach + 1)
+            for d in range(0, reach + 1, stride)
         ]
         costs.append(np.mean(unlike, axis=0))
     return np.array(costs)

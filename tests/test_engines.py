@@ -651,11 +651,11 @@ def test_focal_stacks_agree_with_the_oracle(used: Engine, dtype: str, channels: 
     v, u = np.mgrid[-2:3, -2:3]
     stacks = np.array([(v == 0) & (u < 0), (v == 0) & (u > 0), (u == 0) & (v < 0), (u == 0) & (v > 0)])
     planes, views = np.linspace(1.2, -0.6, 9), used.colour_views(lf, 1.2)
-    for pairs in ([(0, 1), (2, 3)], [(3, 3)]):
+    for pairs, stride in (([(0, 1), (2, 3)], 1), ([(3, 3)], 2)):
         out = used.upload(np.full((5, 9, 70), -1, np.float32))
         place = (views, planes, stacks, np.array(pairs), 2, 0.05, out)
-        used.focal_symmetry(*place, rows=(1, 8))
-        expected = naive_costs.focal_symmetry(lf.views, planes, stacks, pairs, 2, 0.05, present)
+        used.focal_symmetry(*place, rows=(1, 8), stride=stride)
+        expected = naive_costs.focal_symmetry(lf.views, planes, stacks, pairs, 2, 0.05, present, stride)
         expected[:, [0, 8]] = -1
         np.testing.assert_allclose(used.download(out), expected, atol=1e-3)
 

@@ -230,6 +230,6 @@ def test_partial_stacks_are_better_than_whole_ones_at_occlusions() -> None:
     edge = lf.masks["occlusion_boundary"][8:-8, 8:-8]
     bad = {}
     for stacks in ("partial", "whole"):
-        disparity = estimate(lf, "ofsy", planes=81, stacks=stacks, regulariser="none", check=False).disparity
+        disparity = estimate(lf, "ofsy", planes=41, stacks=stacks, regulariser="none", check=False).disparity
         bad[stacks] = np.mean((np.abs(disparity - lf.truth) > 0.07)[8:-8, 8:-8][edge])
     assert bad["partial"] < 0.9 * bad["whole"]

@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 Float = NDArray[np.float64]
 Bool = NDArray[np.bool_]
@@ -48,6 +47,8 @@ def canny(image: NDArray[Any], *, sigma: float = math.sqrt(2), upper: float | No
     -------
     (H, W), True on edges.
     """
+    from scipy import ndimage
+
     levels = image.astype(np.float64)
     down, across = (
         ndimage.gaussian_filter(levels, sigma, order=order, mode="nearest") for order in ((1, 0), (0, 1))
@@ -75,6 +76,8 @@ def _quiet_threshold(strength: Float) -> float:
 
 def _crest(strength: Float, down: Float, across: Float) -> Bool:
     """Where the gradient is no weaker than on either side along it, between pixels interpolated."""
+    from scipy import ndimage
+
     steepest = np.maximum(np.abs(down), np.abs(across))
     steepest[steepest == 0] = 1
     y, x = np.indices(strength.shape)
@@ -109,6 +112,8 @@ def orientations(edges: Bool, radius: int = 2) -> Float:
     -------
     (H, W) in (−π/2, π/2]; NaN where there is no edge.
     """
+    from scipy import ndimage
+
     side = 2 * radius + 1
     windows = np.lib.stride_tricks.sliding_window_view(np.pad(edges, radius), (side, side))[edges]
     seeds = np.zeros_like(windows)
@@ -131,6 +136,8 @@ def orientations(edges: Bool, radius: int = 2) -> Float:
 
 def spread(angles: Float, radius: float) -> Float:
     """Angles of the nearest edge pixel within a radius; NaN where there is none."""
+    from scipy import ndimage
+
     none = np.isnan(angles)
     if none.all():
         return angles.copy()
@@ -140,6 +147,8 @@ def spread(angles: Float, radius: float) -> Float:
 
 def spread_largest(angles: Float, radius: int) -> Float:
     """Angles spread to the pixels of a disc around each; where several meet the largest; NaN: none."""
+    from scipy import ndimage
+
     y, x = np.mgrid[-radius : radius + 1, -radius : radius + 1]
     known = np.nan_to_num(angles, nan=-np.inf)
     wide = ndimage.grey_dilation(known, footprint=x**2 + y**2 <= radius**2, mode="constant", cval=-np.inf)

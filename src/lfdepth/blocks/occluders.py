@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from lfdepth.blocks.bilateral import bilateral_weights
 from lfdepth.blocks.contours import canny
@@ -257,6 +256,8 @@ def choose_first(doubt: float) -> Choose:
 
 def occlusion_chains(winners: Winners, near: Bool, edges: Bool) -> Bool:
     """Edges at which the two halves differ: whole chains of which a tenth of the pixels do."""
+    from scipy import ndimage
+
     ratio = np.minimum(_ratio(winners.spreads), 100)
     apart = np.minimum(winners.apart, 0.01)
     both = _standardised(ratio) * _standardised(apart)
@@ -299,6 +300,8 @@ def regularise(
     for a change by d of K labels, times a weight that falls with what changes between them in the picture.
     Minimised along scanlines, where the original ran a graph cut. At the end a median of 3×3 px.
     """
+    from scipy import ndimage
+
     count = len(planes)
     width = 0.1 * count * np.clip(1 - winners.confidence, 0.01, 1)
     costs = np.empty((count, *width.shape), np.float32)
@@ -316,6 +319,8 @@ def regularise(
 
 def _pair_weights(lf: LightField, occlusions: Bool) -> Float:
     """Weights (2, H, W) between a pixel and the next to the right, and below."""
+    from scipy import ndimage
+
     picture = guide_image(lf, "colour").astype(np.float64)
     edges = canny(luma(lf.reference), sigma=1.0, upper=0.1)
     weights = np.zeros((2, *edges.shape), np.float32)

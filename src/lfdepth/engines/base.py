@@ -426,14 +426,15 @@ class Engine(Protocol):
         out: Array,
         *,
         rows: tuple[int, int],
+        stride: int = 1,
     ) -> None:
         """How unlike focal stacks are before and behind planes, into rows [first, last) of `out` (K, H, W).
 
         A stack φ_i holds the mean of the present ones of its views, `stacks[i]` (V, U), at every one of K +
         2·`reach` planes, evenly spaced front to back. Of the planes but for `reach` at either end, plane k
-        costs the mean over d = 0, ..., `reach` of the least over pairs (i, j), of `pairs` (N, 2), of ρ(φ_i(k
-        − d) − φ_j(k + d)), ρ(x) = 1 − exp(−x²/(2·`sigma`²)), x² the mean over channels, in parts of full
-        scale.
+        costs the mean over d = 0, `stride`, ... up to `reach` of the least over pairs (i, j), of `pairs` (N,
+        2), of ρ(φ_i(k − d) − φ_j(k + d)), ρ(x) = 1 − exp(−x²/(2·`sigma`²)), x² the mean over channels, in
+        parts of full scale.
         """
 
     # --- cost volumes

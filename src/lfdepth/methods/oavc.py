@@ -54,11 +54,11 @@ class Oavc(Method):
     ] = 0.005
     radius: Annotated[int, Whole("Radius of the bilateral filter of the costs.", ge=1, le=20, unit="px")] = 3
     sigma_colour: Annotated[
-        float, Real("Spread of the bilateral filter over colours.", gt=0, unit="full scale", symbol="σ_c")
+        float, Real("Spread of the bilateral filter over colours.", gt=0, unit="full scale")
     ] = 0.1
-    sigma_space: Annotated[
-        float, Real("Spread of the bilateral filter over distances.", gt=0, unit="px", symbol="σ_s")
-    ] = 3.0
+    sigma_space: Annotated[float, Real("Spread of the bilateral filter over distances.", gt=0, unit="px")] = (
+        3.0
+    )
     median_radius: Annotated[int, Whole("Radius of the first weighted median.", ge=1, le=15, unit="px")] = 5
     second_radius: Annotated[int, Whole("Radius of the second weighted median.", ge=1, le=15, unit="px")] = 3
     median_sigma: Annotated[

@@ -21,6 +21,9 @@ from lfdepth.methods.parameters import Real, Switch, Word
 _BAND = 32
 """Rows between two reports of progress."""
 
+_SAMPLE = 0.02
+"""Px per view step between two distances at which stacks are compared; labels may be closer."""
+
 _SLOPE, _JUMP, _SHARPNESS = 0.01, 0.1, 20.0
 """Penalties of paths, in mean costs, and how fast they fall with the change of colour."""
 
@@ -62,7 +65,7 @@ class Ofsy(Method):
             gt=0,
             le=10,
             unit="px per view step",
-            symbol="δ_max",
+            symbol="δmax",
         ),
     ] = 0.3
     regulariser: labels.Regulariser = "paths"
@@ -91,6 +94,7 @@ class Ofsy(Method):
         trace.steps(len(bands) + 1)
         step = abs(problem.step)
         reach = max(round(self.reach / step), 1)
+        stride = max(round(_SAMPLE / step), 1)
         wider = planes[0] - problem.step * np.arange(-reach, len(planes) + reach)
         stacks, pairs = self._stacks(lf)
         with trace.block("preparation"):
@@ -100,7 +104,7 @@ class Ofsy(Method):
             with trace.block("stacks"):
                 rows = first, min(first + _BAND, lf.height)
                 rule = (views, wider, stacks, pairs, reach, self.sigma)
-                engine.focal_symmetry(*rule, volume, rows=rows)
+                engine.focal_symmetry(*rule, volume, rows=rows, stride=stride)
             trace.step("stacks")
         del views
         trace.take("costs", lambda: engine.download(volume))

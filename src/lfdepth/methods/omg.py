@@ -8,7 +8,6 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from lfdepth.blocks import occluders
 from lfdepth.blocks.contours import canny
@@ -45,7 +44,7 @@ class Omg(Method):
         float,
         Real("Clusters nearer than this are one.", ge=0, le=2, unit="full scale"),
     ] = 0.05
-    scale: Annotated[
+    patch_scale: Annotated[
         float,
         Real(
             "Largest jump of disparity for which views are chosen rightly: so many px around a pixel stand "
@@ -74,12 +73,12 @@ class Omg(Method):
 
     def memory(self, shape: Shape, planes: NDArray[np.float64], sample_bytes: int) -> int:
         """Views in colour, two groups of them, the patches, and a volume, or three."""
-        patches = shape[2] * shape[3] * int(self.scale * max(shape[:2]) + 2) ** 2
+        patches = shape[2] * shape[3] * int(self.patch_scale * max(shape[:2]) + 2) ** 2
         return patches + group_bytes(shape, planes, sample_bytes, paths=self.regulariser == "paths")
 
     def halo(self) -> int:
         """The filter's window, the patch of a grid of 9×9 views, and edges; paths carry farther."""
-        return self.window + self.edge_radius + 8 + math.ceil(4 * self.scale)
+        return self.window + self.edge_radius + 8 + math.ceil(4 * self.patch_scale)
 
     def run(self, problem: Problem, work: Work) -> Maps:
         """Choose views near edges, find the cheapest labels, look for occlusions, regularise."""
@@ -93,7 +92,7 @@ class Omg(Method):
                 clusters=self.clusters,
                 alike=self.alike,
                 rounds=_ROUNDS,
-                scale=self.scale,
+                scale=self.patch_scale,
                 engine=engine,
             )
         winners = occluders.find_winners(
@@ -121,6 +120,8 @@ class Omg(Method):
 
 def _dilated(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:
     """A mask, and what lies within a radius of it."""
+    from scipy import ndimage
+
     if radius == 0 or not mask.any():
         return mask
     return np.asarray(ndimage.distance_transform_edt(~mask) <= radius)

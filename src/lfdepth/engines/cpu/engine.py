@@ -632,6 +632,7 @@ class CpuEngine:
         out: Array,
         *,
         rows: tuple[int, int],
+        stride: int = 1,
     ) -> None:
         """Differences of focal stacks, a few pixels of a row at all planes at a time."""
         moved = [views.shifts(float(plane)) for plane in planes]
@@ -645,7 +646,7 @@ class CpuEngine:
         shape = (*views.grid, views.size[0], views.channels, views.row_length, views.margin, 0)
         source = (views.data, shape, v * views.grid[1] + u, down, across, weights)
         scale = np.float32(1 / (64 * 2 * views.channels * (sigma * COLOUR_WHITE) ** 2))
-        place = (out, *source, member, pairs, reach, scale)
+        place = (out, *source, member, pairs, (reach, stride), scale)
         self.workers.rows(rows[1], stack_kernels.symmetry_kernel, *place, first=rows[0])
 
     # --- cost volumes

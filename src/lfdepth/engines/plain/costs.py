@@ -55,19 +55,20 @@ def focal_symmetry(
     planes: NDArray[np.float64],
     stacks: Bool,
     pairs: NDArray[np.int64],
-    reach: int,
+    distances: tuple[int, int],
     sigma: float,
     rows: slice,
 ) -> Exact:
     """Costs (K, rows, W) of planes by how unlike pairs of focal stacks are before and behind them."""
     focused = np.array([[_focus(views, plane, stack)[rows] for plane in planes] for stack in stacks])
+    reach, stride = distances
     count = len(planes) - 2 * reach
     total = np.zeros((count, *focused.shape[2:4]))
-    for d in range(reach + 1):
+    for d in range(0, reach + 1, stride):
         before, behind = slice(reach - d, reach - d + count), slice(reach + d, reach + d + count)
         squares = [((focused[i, before] - focused[j, behind]) ** 2).mean(axis=3) for i, j in pairs.tolist()]
         total += 1 - np.exp(-np.min(squares, axis=0) / (2 * sigma**2))
-    return np.asarray(total / (reach + 1))
+    return np.asarray(total / (reach // stride + 1))
 
 
 def _focus(views: ColourLevels, plane: float, stack: Bool) -> Exact:

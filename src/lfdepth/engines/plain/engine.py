@@ -437,10 +437,11 @@ class NumpyEngine:
         out: Array,
         *,
         rows: tuple[int, int],
+        stride: int = 1,
     ) -> None:
         """Differences of focal stacks; the stacks of all rows are made, and some rows of them used."""
         part = slice(*rows)
-        out[:, part] = costs.focal_symmetry(views, planes, stacks, pairs, reach, sigma, part)
+        out[:, part] = costs.focal_symmetry(views, planes, stacks, pairs, (reach, stride), sigma, part)
 
     # --- cost volumes
 

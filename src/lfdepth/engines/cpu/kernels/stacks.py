@@ -85,7 +85,9 @@ def _focus(focused, total, levels, data, shape, y, begin, index, down, across, w
 
 
 @nb.njit(**KERNEL)
-def symmetry_kernel(first, last, out, data, shape, index, down, across, weights, member, pairs, reach, scale):
+def symmetry_kernel(
+    first, last, out, data, shape, index, down, across, weights, member, pairs, distances, scale
+):
     """Costs (K, H, W) of planes in rows [first, last) by pairs of focal stacks before and behind them.
 
     `index` (M,) are views, row by row of the grid; `down`, `across` (P, M) and `weights` (P, M, 4) how each
@@ -99,14 +101,15 @@ def symmetry_kernel(first, last, out, data, shape, index, down, across, weights,
     focused = np.empty((len(member), len(down), size), np.float32)
     total, levels = np.zeros((len(member), size), np.int32), np.empty(size, np.int16)
     least, cost = np.empty(block, np.float32), np.empty(block, np.float32)
-    share = np.float32(1 / (reach + 1))
+    reach, stride = distances
+    share = np.float32(1 / (reach // stride + 1))
     for y in range(first, last):
         for place in range(0, width, block):
             begin = min(place, inner - block)
             _focus(focused, total, levels, data, shape, y, begin, index, down, across, weights, member)
             for k in range(len(out)):
                 cost[:] = 0
-                for d in range(reach + 1):
+                for d in range(0, reach + 1, stride):
                     least[:] = np.inf
                     for n in range(len(pairs)):
                         before = focused[pairs[n, 0], k + reach - d]
