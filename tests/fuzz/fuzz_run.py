@@ -163,7 +163,7 @@ def _judge(status: int, printed: str, errors: str, kind: str) -> tuple[str, str]
 
 
 def _in_child(words: Sequence[str], place: Path) -> tuple[int, float, float, float]:
-    """Run a command in a fork of this process: wait status, seconds, those of computing, peak memory in bytes."""
+    """Run a command in a fork: wait status, seconds, those of computing, peak memory in bytes."""
     began = time.perf_counter()
     child = os.fork()
     if not child:
