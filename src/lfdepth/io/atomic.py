@@ -307,12 +307,12 @@ def _flush_tree(folder: Path) -> None:
 
 def _target(path: Path) -> Path:
     """Follow links, so that the file they lead to is replaced and not the link."""
-    try:
-        return path.resolve()
-    except RuntimeError:  # Python < 3.13 reports loops so
-        raise LightFieldError(
-            f"{path}: loop of symbolic links; expected a file name; choose another"
-        ) from None
+    # What resolves to a link is in a loop of links, which Python up to 3.12 reports, and later ones do not.
+    with suppress(RuntimeError):
+        target = path.resolve()
+        if not target.is_symlink():
+            return target
+    raise LightFieldError(f"{path}: loop of symbolic links; expected a file name; choose another")
 
 
 def _unwritable(path: Path, error: OSError) -> LightFieldError:
