@@ -203,11 +203,23 @@ def _replace_in_two_steps(temporary: Path, target: Path, path: Path) -> None:
         target.rename(old)
         temporary.rename(target)
     except BaseException:
-        if old.exists() and not target.exists():
-            old.rename(target)
+        if old.exists() and not _put_back(old, target):  # another process has put its own there
+            _check_ours(old, path)
+            shutil.rmtree(old, ignore_errors=True)
         raise
     _check_ours(old, path)
     shutil.rmtree(old, ignore_errors=True)
+
+
+def _put_back(old: Path, target: Path) -> bool:
+    """Give a folder its name again; False if the name has been taken."""
+    try:
+        old.rename(target)
+    except OSError as error:
+        if error.errno not in (errno.EEXIST, errno.ENOTEMPTY):
+            raise
+        return False
+    return True
 
 
 def _exchange(first: Path, second: Path) -> bool:
