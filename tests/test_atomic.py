@@ -264,6 +264,23 @@ def test_content_is_on_the_disk_before_it_gets_its_name(
     assert sorted(calls[:-2]) == sorted(f"flush {name}" for name in files)
 
 
+def test_another_process_between_the_two_steps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its folder takes the name that the old one has just given up; the work goes on, and leaves nothing."""
+    write_folder(tmp_path / "scene", "old")
+    rename, others = Path.rename, ["old"]
+
+    def renamed(self: Path, target: Path) -> Path:
+        if Path(target).name == "scene" and others:
+            write_folder(tmp_path / "scene", others.pop())
+        return rename(self, target)
+
+    monkeypatch.setattr(module, "_exchange", lambda first, second: False)
+    monkeypatch.setattr(Path, "rename", renamed)
+    write_folder(tmp_path / "scene", "new")
+    assert content(tmp_path / "scene") == NEW
+    assert [entry.name for entry in tmp_path.iterdir()] == ["scene"]
+
+
 def test_of_two_that_write_the_same_folder_one_wins(tmp_path: Path, replacing: str) -> None:
     problems: list[BaseException] = []
 

@@ -79,6 +79,15 @@ def test_startup(tmp_path: Path) -> None:
     assert (first["cold_compiled"], first["warm_compiled"]) == (True, False)
 
 
+def test_whole(tmp_path: Path) -> None:
+    options = ["--size", "48", "--rounds", "1", "--repeats", "1", "--against", str(ROOT / "src")]
+    _, found = measured("whole", tmp_path, *options)
+    seconds = found["seconds"]
+    # The other version is this one; the machine may be busy with one of them.
+    assert len(seconds) == 4
+    assert 0.1 < seconds["the other version"] / seconds["with both, as is the default"] < 10
+
+
 def test_ablation_spells_settings_as_the_command_line_takes_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(SCRIPTS))
     variants = importlib.import_module("ablation").VARIANTS

@@ -74,7 +74,7 @@ def fill_memory(*words: Any) -> int:
 
 
 def dawdle(*words: Any) -> int:
-    time.sleep(fuzz_run.SECONDS * 1.3)
+    time.sleep(fuzz_run.SECONDS * fuzz_run.WAITING * 1.1)
     print("{}")
     return 0
 

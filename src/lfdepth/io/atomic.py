@@ -203,11 +203,23 @@ def _replace_in_two_steps(temporary: Path, target: Path, path: Path) -> None:
         target.rename(old)
         temporary.rename(target)
     except BaseException:
-        if old.exists() and not target.exists():
-            old.rename(target)
+        if old.exists() and not _put_back(old, target):  # another process has put its own there
+            _check_ours(old, path)
+            shutil.rmtree(old, ignore_errors=True)
         raise
     _check_ours(old, path)
     shutil.rmtree(old, ignore_errors=True)
+
+
+def _put_back(old: Path, target: Path) -> bool:
+    """Give a folder its name again; False if the name has been taken."""
+    try:
+        old.rename(target)
+    except OSError as error:
+        if error.errno not in (errno.EEXIST, errno.ENOTEMPTY):
+            raise
+        return False
+    return True
 
 
 def _exchange(first: Path, second: Path) -> bool:
@@ -307,12 +319,12 @@ def _flush_tree(folder: Path) -> None:
 
 def _target(path: Path) -> Path:
     """Follow links, so that the file they lead to is replaced and not the link."""
-    try:
-        return path.resolve()
-    except RuntimeError:  # Python < 3.13 reports loops so
-        raise LightFieldError(
-            f"{path}: loop of symbolic links; expected a file name; choose another"
-        ) from None
+    # What resolves to a link is in a loop of links, which Python up to 3.12 reports, and later ones do not.
+    with suppress(RuntimeError):
+        target = path.resolve()
+        if not target.is_symlink():
+            return target
+    raise LightFieldError(f"{path}: loop of symbolic links; expected a file name; choose another")
 
 
 def _unwritable(path: Path, error: OSError) -> LightFieldError:
