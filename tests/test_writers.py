@@ -3,6 +3,8 @@
 import asyncio
 import errno
 import json
+import subprocess
+import sys
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -347,3 +349,26 @@ def test_opencv_reads_pfm_png_and_tiff(tmp_path: Path) -> None:
     samples = cv2.imread(str(tmp_path / "map.png"), cv2.IMREAD_UNCHANGED)
     assert samples.dtype == np.uint16
     np.testing.assert_allclose(samples * header["scale"] + header["offset"], MAP, atol=header["scale"])
+
+
+def test_no_npy_is_cut_off_in_silence(tmp_path: Path) -> None:
+    """With room for all but the last bytes, writing fails, and the older file stays.
+
+    NumPy's own writer leaves out what the last block lacks, and reports success.
+    """
+    resource = pytest.importorskip("resource", reason="limits on the size of files are POSIX")
+    path = tmp_path / "map.npy"
+    write(path, MAP)
+    large = np.zeros((100, 101), np.float32)
+    program = (
+        "import resource, signal, sys, numpy, lfdepth\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        f"resource.setrlimit(resource.RLIMIT_FSIZE, ({large.nbytes + 100},) * 2)\n"
+        f"lfdepth.write(sys.argv[1], numpy.zeros({large.shape}, numpy.float32))\n"
+    )
+    assert resource.RLIMIT_FSIZE is not None
+    done = subprocess.run([sys.executable, "-c", program, path], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert "File too large" in done.stderr
+    np.testing.assert_array_equal(read_disparity(path), MAP)
+    assert [file.name for file in tmp_path.iterdir()] == ["map.npy"]

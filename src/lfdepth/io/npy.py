@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import takewhile
@@ -95,7 +96,24 @@ def read_npz(path: Path) -> dict[str, Any]:
 def write_npy(path: Path, record: Record) -> None:
     """Write the map, float32 (H, W)."""
     with atomic(path) as temporary:
-        np.save(temporary, record.values)
+        _save(temporary, record.values)
+
+
+def _save(path: Path, array: npt.NDArray[Any]) -> None:
+    """`numpy.save`, but through Python's files.
+
+    NumPy writes to real files through a C stream and does not look at whether closing that succeeds: where
+    the disk is full, the last block is missing without an error.
+    """
+    with path.open("wb") as file:
+        np.save(_Writable(file.write), array, allow_pickle=False)
+
+
+@dataclass(frozen=True)
+class _Writable:
+    """Nothing but `write`, so that NumPy takes it for no real file."""
+
+    write: Callable[[bytes], int]
 
 
 def write_npz(path: Path, record: Record) -> None:
@@ -115,7 +133,7 @@ def write_npz(path: Path, record: Record) -> None:
 
 def write_views_npy(path: Path, lf: LightField) -> None:
     """Write the views (V, U, H, W, C), and beside them what NPY cannot hold, as `NAME.json`."""
-    write_with_notes(path, lf, lambda temporary: np.save(temporary, lf.views))
+    write_with_notes(path, lf, lambda temporary: _save(temporary, lf.views))
 
 
 def write_views_npz(path: Path, lf: LightField) -> None:
