@@ -58,6 +58,7 @@ def test_memory(tmp_path: Path) -> None:
     assert 50 < few["peak"] < found["limit_mb"]
 
 
+@pytest.mark.slow
 def test_memory_of_a_large_light_field(tmp_path: Path) -> None:
     text, found = measured("memory", tmp_path, "--large", "--size", "128", "--views", "5")
     assert text.startswith("5×5 views of 128×128 px")
@@ -79,6 +80,7 @@ def test_startup(tmp_path: Path) -> None:
     assert (first["cold_compiled"], first["warm_compiled"]) == (True, False)
 
 
+@pytest.mark.slow
 def test_whole(tmp_path: Path) -> None:
     options = ["--size", "48", "--rounds", "1", "--repeats", "1", "--against", str(ROOT / "src")]
     _, found = measured("whole", tmp_path, *options)
@@ -104,6 +106,7 @@ def test_ablation_spells_settings_as_the_command_line_takes_them(monkeypatch: py
             assert used == name
 
 
+@pytest.mark.slow
 def test_occluders() -> None:
     text = run("occluders", "--scenes", "fence", "--size", "48", "--labels", "9")
     rows = [line.split("|")[1:-1] for line in text.splitlines() if line.startswith("|")][2:]

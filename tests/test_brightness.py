@@ -45,7 +45,9 @@ def bad_pixels(lf: LightField, method: str, *, equalise: bool = True) -> float:
 
 
 @pytest.mark.parametrize("name", scenes.NAMES)
-@pytest.mark.parametrize(("size", "views", "seed"), [(128, 9, 3), (96, 5, 1)])
+@pytest.mark.parametrize(
+    ("size", "views", "seed"), [pytest.param(128, 9, 3, marks=pytest.mark.slow), (96, 5, 1)]
+)
 def test_views_that_agree_stay_the_very_same(name: str, size: int, views: int, seed: int) -> None:
     lf = scenes.render(name, size=size, views=views, seed=seed, samples=2)
     assert lfdepth.equalise(lf, lfdepth.measure_brightness(lf)) is lf
@@ -226,6 +228,7 @@ def test_vignetting_is_found_that_falls_as_a_real_lens_does(leaves: LightField) 
     assert np.sqrt(((without / without[4, 4] - 1) ** 2).mean()) > 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["demo", "leaves"])
 @pytest.mark.parametrize(
     "case", [Imperfections(vignetting=0.7, wandering=0.5, noise=NOISE), TOGETHER], ids=["wandering", "all"]

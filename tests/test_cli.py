@@ -12,7 +12,7 @@ import zipfile
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -807,8 +807,8 @@ def test_scenes_are_listed_and_written(tmp_path: Path, run: Run, monkeypatch: py
 def test_full_disk(scene: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     Path("map.npy").write_text("of yesterday")
 
-    def save(path: Path, _: object) -> None:
-        Path(path).write_bytes(b"half a ma")
+    def save(file: IO[bytes], _: object) -> None:
+        file.write(b"half a ma")
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(np, "save", save)
@@ -852,8 +852,8 @@ def test_nowhere_to_keep_kernels_is_one_line(run: Run, monkeypatch: pytest.Monke
 
 
 def test_interrupted_while_writing(scene: Path, run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    def save(path: Path, _: object) -> None:
-        Path(path).write_bytes(b"half a ma")
+    def save(file: IO[bytes], _: object) -> None:
+        file.write(b"half a ma")
         raise KeyboardInterrupt
 
     monkeypatch.setattr(np, "save", save)
@@ -908,7 +908,13 @@ def process(*words: str, **variables: str) -> subprocess.Popen[str]:
         text=True,
         encoding="utf-8",
         env={**os.environ, "PYTHONUTF8": "1", **variables},
+        preexec_fn=None if os.name == "nt" else _mind_interrupts,
     )
+
+
+def _mind_interrupts() -> None:
+    """Shells make what they start in the background deaf to SIGINT, and so all that is started from there."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT for a single process")

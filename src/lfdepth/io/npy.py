@@ -106,7 +106,7 @@ def _save(path: Path, array: npt.NDArray[Any]) -> None:
     the disk is full, the last block is missing without an error.
     """
     with path.open("wb") as file:
-        np.save(_Writable(file.write), array, allow_pickle=False)
+        np.save(_Writable(file.write), array)
 
 
 @dataclass(frozen=True)
