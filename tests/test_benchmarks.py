@@ -50,6 +50,7 @@ def test_accuracy(tmp_path: Path) -> None:
     assert "### demo, 48×48 px" in text
 
 
+@pytest.mark.slow
 def test_memory(tmp_path: Path) -> None:
     options = ["--size", "48", "--methods", "fbs", "--steps", "0.5", "0.1", "--warm"]
     _, found = measured("memory", tmp_path, *options)
@@ -71,6 +72,7 @@ def test_memory_of_a_large_light_field(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.slow
 def test_startup(tmp_path: Path) -> None:
     _, found = measured("startup", tmp_path, "--size", "48", "--methods", "fbs", "--repeats", "1")
     assert found["starts_s"]["python"][0] < found["starts_s"]["lfdepth --help"][0]

@@ -241,6 +241,7 @@ def test_rows_that_run_back_are_told(name: str, grid: tuple[int, int], tmp_path:
     assert not check_orientation(read(tmp_path / "wound.npy", serpentine=True)).wrong
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mends", EIGHT)
 def test_rows_that_run_back_in_a_grid_of_another_order(mends: Reordering, tmp_path: Path) -> None:
     """Whatever options the file was read with, the advice leads to views in order."""
