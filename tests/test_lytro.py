@@ -18,6 +18,7 @@ SIZE = 288, 208
 CAMERA = ["--baseline-mm", "0.5", "--focal-mm", "30", "--sensor-mm", "10", "--focus-m", "0.3"]
 
 
+@pytest.mark.slow
 def test_from_the_file_to_points(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], data_folder: Path
 ) -> None:

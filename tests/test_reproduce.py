@@ -69,6 +69,7 @@ def write_lytro(lf: LightField, file: Path) -> None:
     Image.fromarray(picture.reshape(height * 14, width * 14, 3)).save(file)
 
 
+@pytest.mark.slow
 def test_everything_runs_on_what_is_there(scene: LightField, tmp_path: Path) -> None:
     write_scene(scene, tmp_path / "data" / "training" / "cotton")
     write_lytro(scene, tmp_path / "data" / "street_eslf.png")
