@@ -23,26 +23,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 import lfdepth
+from cameras import CASES, NOISE
 from lfdepth import scenes
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField, grid_offsets
-from lfdepth.scenes.cameras import Imperfections, spoil
+from lfdepth.scenes.cameras import spoil
 from lfdepth.scenes.stratified import STRATIFIED
 from lfdepth.scenes.suite import SUITE
 
 DATA = Path(__file__).parents[2] / "shared/data"
 GRID, SIZE, RANGE = (7, 7), (120, 160), (-1.4, 1.2)
-NOISE = 0.002
 BRIGHTNESS = {
-    "gain 5 %": Imperfections(gain=0.05),
-    "gain 10 %": Imperfections(gain=0.1),
-    "offset 2 %": Imperfections(offset=0.02),
-    "white balance 5 %": Imperfections(white_balance=0.05),
-    "corner views 95 %": Imperfections(falloff=0.95),
-    "corner views 60 %": Imperfections(falloff=0.6),
-    "wandering vignetting": Imperfections(vignetting=0.7, wandering=0.5),
-    "all together": Imperfections(gain=0.1, offset=0.02, falloff=0.6, vignetting=0.7, wandering=0.3),
-}
+    name: case
+    for name, case in CASES.items()
+    if name not in ("corner views 80 %", "vignetting 70 %", "vignetting and gains")
+} | {"all together": replace(CASES["all together"], white_balance=0.0)}
 CLEAN = ((96, 9, 1), (128, 5, 2), (128, 3, 3), (160, 9, 4))
 
 Array = NDArray[Any]

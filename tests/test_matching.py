@@ -12,39 +12,16 @@ import naive
 import naive_costs
 import naive_labels
 import naive_photo
+from compared import field, found, mirrored, moved, share_alike, turned
 from lfdepth import scenes
-from lfdepth.blocks.surfaces import smooth_surface
+from lfdepth.blocks.variation import smooth_surface
 from lfdepth.errors import LightFieldError
 from lfdepth.estimation import estimate
-from lfdepth.lightfield import LightField
 from lfdepth.methods import method
 from lfdepth.trace import Trace
 
 Array = fields.Array
 METHODS = ("oavc", "cae", "ofsy")
-RANGE = (-1.0, 1.0)
-QUICK: dict[str, dict[str, Any]] = {
-    "oavc": {"planes": 21},
-    "cae": {"planes": 21, "radius": 3},
-    "ofsy": {"planes": 21},
-}
-
-
-def field(
-    seed: int, grid: tuple[int, int] = (5, 5), size: tuple[int, int] = (22, 26), **rest: Any
-) -> LightField:
-    rng = np.random.default_rng(seed)
-    rest = {"channels": 3, "kind": "scene", **rest}
-    return fields.light_field(rng, grid, size, **rest)
-
-
-def found(lf: LightField, name: str, **options: Any) -> Array:
-    rest = {"range": RANGE, "equalise": False, "check": False, **QUICK[name], **options}
-    return estimate(lf, name, **rest).disparity
-
-
-def share_alike(a: Array, b: Array, tolerance: float = 1e-4) -> float:
-    return float(np.mean(np.abs(a - b) <= tolerance))
 
 
 # --- equations
@@ -133,14 +110,6 @@ def test_the_surface_of_least_variation() -> None:
 # --- laws
 
 
-def turned(lf: LightField) -> LightField:
-    return LightField(np.ascontiguousarray(lf.views.transpose(1, 0, 3, 2, 4)))
-
-
-def mirrored(lf: LightField) -> LightField:
-    return LightField(np.ascontiguousarray(lf.views[:, ::-1, :, ::-1]))
-
-
 @pytest.mark.parametrize("name", METHODS)
 def test_transposed_views_have_a_transposed_map(name: str) -> None:
     lf = field(5)
@@ -157,13 +126,8 @@ def test_mirrored_views_have_a_mirrored_map(name: str) -> None:
 @pytest.mark.parametrize("name", METHODS)
 def test_views_moved_by_whole_pixels_move_the_map(name: str) -> None:
     lf = field(7, size=(40, 44))
-    moved = np.empty_like(lf.views)
-    for i, j in np.ndindex(5, 5):
-        moved[i, j] = np.roll(lf.views[i, j], (-(i - 2), -(j - 2)), (0, 1))
     options: dict[str, Any] = {} if name == "oavc" else {"regulariser": "none"}
-    shifted = found(
-        LightField(moved), name, range=(0, 2), **(options | ({} if name == "ofsy" else {"planes": 41}))
-    )
+    shifted = found(moved(lf), name, range=(0, 2), **(options | ({} if name == "ofsy" else {"planes": 41})))
     inner = (slice(12, -12), slice(12, -12))
     assert share_alike(shifted[inner] - 1, found(lf, name, **options)[inner], 0.01) > 0.95
 
@@ -176,28 +140,6 @@ def test_the_map_depends_on_no_number_of_threads(name: str) -> None:
 
 
 # --- any light field
-
-
-@pytest.mark.parametrize("name", METHODS)
-@pytest.mark.parametrize(
-    ("grid", "size", "dtype", "channels"),
-    [((3, 3), (20, 21), "uint16", 1), ((4, 5), (24, 20), "float32", 3), ((1, 5), (18, 40), "uint8", 3)],
-)
-def test_any_grid_size_and_depth(
-    name: str, grid: tuple[int, int], size: tuple[int, int], dtype: str, channels: int
-) -> None:
-    """Most pixels of two planes are at one of them, and progress and confidence are what they say."""
-    rng = np.random.default_rng(9)
-    lf = fields.light_field(rng, grid, size, channels, dtype)
-    seen: list[tuple[int, int]] = []
-    result = estimate(
-        lf, name, range=RANGE, progress=lambda done, total, _: seen.append((done, total)), **QUICK[name]
-    )
-    assert seen == [(done + 1, seen[-1][1]) for done in range(seen[-1][1])]
-    assert 0 <= result.confidence.min() <= result.confidence.max() <= 1
-    assert result.confidence.std() > 0.01
-    near = np.minimum(np.abs(result.disparity - 0.8), np.abs(result.disparity + 0.6)) < 0.15
-    assert near.mean() > 0.5
 
 
 def test_ofsy_needs_views_on_two_sides() -> None:

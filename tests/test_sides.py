@@ -13,6 +13,7 @@ from scipy import ndimage
 import fields
 import naive
 import naive_sides
+from compared import field, found, mirrored, moved, share_alike, turned
 from lfdepth import scenes
 from lfdepth.blocks import occluders
 from lfdepth.blocks.contours import canny, orientations, spread, spread_largest
@@ -29,29 +30,6 @@ from lfdepth.trace import Trace
 
 Array = fields.Array
 METHODS = ("spo", "spo-mo", "lf-occ", "omg")
-RANGE = (-1.0, 1.0)
-QUICK: dict[str, dict[str, Any]] = {
-    "spo": {"planes": 21, "radius": 3},
-    "spo-mo": {"planes": 21, "radius": 3},
-    "lf-occ": {"planes": 21},
-    "omg": {"planes": 21},
-}
-
-
-def field(
-    seed: int, grid: tuple[int, int] = (5, 5), size: tuple[int, int] = (22, 26), **rest: Any
-) -> LightField:
-    rest = {"channels": 3, "kind": "scene", **rest}
-    return fields.light_field(np.random.default_rng(seed), grid, size, **rest)
-
-
-def found(lf: LightField, name: str, **options: Any) -> Array:
-    rest = {"range": RANGE, "equalise": False, "check": False, **QUICK[name], **options}
-    return estimate(lf, name, **rest).disparity
-
-
-def share_alike(a: Array, b: Array, tolerance: float = 1e-4) -> float:
-    return float(np.mean(np.abs(a - b) <= tolerance))
 
 
 # --- SPO
@@ -375,14 +353,6 @@ def test_spo_mo_is_no_worse_than_spo_near_jumps(scene: str) -> None:
 # --- laws, and any light field
 
 
-def turned(lf: LightField) -> LightField:
-    return LightField(np.ascontiguousarray(lf.views.transpose(1, 0, 3, 2, 4)))
-
-
-def mirrored(lf: LightField) -> LightField:
-    return LightField(np.ascontiguousarray(lf.views[:, ::-1, :, ::-1]))
-
-
 LAWFUL: dict[str, dict[str, Any]] = {
     "spo": {},
     "spo-mo": {"edge_radius": 0},
@@ -403,10 +373,7 @@ def test_transposed_and_mirrored_views_have_such_maps(name: str) -> None:
 @pytest.mark.parametrize("name", METHODS)
 def test_views_moved_by_whole_pixels_move_the_map(name: str) -> None:
     lf = field(12, size=(44, 48))
-    moved = np.empty_like(lf.views)
-    for i, j in np.ndindex(5, 5):
-        moved[i, j] = np.roll(lf.views[i, j], (-(i - 2), -(j - 2)), (0, 1))
-    shifted = found(LightField(moved), name, range=(0, 2), **LAWFUL[name])
+    shifted = found(moved(lf), name, range=(0, 2), **LAWFUL[name])
     inner = (slice(15, -15), slice(15, -15))
     assert share_alike(shifted[inner] - 1, found(lf, name, **LAWFUL[name])[inner], 0.01) > 0.97
 
@@ -416,27 +383,6 @@ def test_the_map_depends_on_no_number_of_threads(name: str) -> None:
     lf = field(13, size=(35, 60))
     one, three = (found(lf, name, threads=threads) for threads in (1, 3))
     np.testing.assert_array_equal(one, three)
-
-
-@pytest.mark.parametrize("name", METHODS)
-@pytest.mark.parametrize(
-    ("grid", "size", "dtype", "channels"),
-    [((3, 3), (20, 21), "uint16", 1), ((4, 5), (24, 20), "float32", 3), ((1, 5), (18, 40), "uint8", 3)],
-)
-def test_any_grid_size_and_depth(
-    name: str, grid: tuple[int, int], size: tuple[int, int], dtype: str, channels: int
-) -> None:
-    """Half of the pixels of two planes are at one of them; progress and confidence are what they say."""
-    lf = fields.light_field(np.random.default_rng(14), grid, size, channels, dtype)
-    seen: list[tuple[int, int]] = []
-    result = estimate(
-        lf, name, range=RANGE, progress=lambda done, total, _: seen.append((done, total)), **QUICK[name]
-    )
-    assert seen == [(done + 1, seen[-1][1]) for done in range(seen[-1][1])]
-    assert 0 <= result.confidence.min() <= result.confidence.max() <= 1
-    assert result.confidence.std() > 0.01
-    near = np.minimum(np.abs(result.disparity - 0.8), np.abs(result.disparity + 0.6)) < 0.15
-    assert near.mean() > 0.5
 
 
 def test_the_published_labels_are_the_defaults() -> None:

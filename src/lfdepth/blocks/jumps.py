@@ -7,9 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-_JUMP_SHARE = (
-    0.7  # of the change within 5 × 5 pixels that a jump makes within 3 × 3; a steep slope makes half
-)
+from lfdepth.engines.layout import JUMP_SHARE
 
 
 def local_range(image: NDArray[np.float32], radius: int) -> NDArray[np.float32]:
@@ -23,7 +21,7 @@ def local_range(image: NDArray[np.float32], radius: int) -> NDArray[np.float32]:
 def near_jumps(disparity: NDArray[np.float32], jump: float, reach: int) -> NDArray[np.bool_]:
     """Pixels within `reach` px of a jump by at least `jump` px per view step, (H, W)."""
     change = local_range(disparity, 1)
-    edge = (change >= np.float32(jump)) & (change >= np.float32(_JUMP_SHARE) * local_range(disparity, 2))
+    edge = (change >= np.float32(jump)) & (change >= np.float32(JUMP_SHARE) * local_range(disparity, 2))
     for axis in (0, 1):
         edge = _along(np.logical_or, edge, reach - 1, axis)
     return edge

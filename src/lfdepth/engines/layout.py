@@ -47,6 +47,9 @@ A surface that is wider in a view than in the reference view would have gaps the
 surface land two pixels apart, the farther one also lands between them.
 """
 
+JUMP_SHARE = 0.7
+"""Share of the change within 5 × 5 pixels that a jump makes within 3 × 3; a steep slope makes half of it."""
+
 SHARE_LEVELS = 255
 """Shares of views in a volume are whole parts of this."""
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfdepth.blocks.labels import cheapest, neighbour_weights, truncated_linear
-from lfdepth.blocks.smoothing import GuidedFilter, check_window, guide_image
+from lfdepth.blocks.smoothing import GuidedFilter, guide_image
 from lfdepth.engines.base import Array, Engine
-from lfdepth.methods import labels
+from lfdepth.methods import common, labels
 from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
 from lfdepth.methods.parameters import Real, Whole
 
@@ -68,7 +68,7 @@ class Cae(Method):
 
     def check(self, shape: Shape) -> None:
         """The filter's windows have to fit the views."""
-        check_window(self.radius, (shape[2], shape[3]))
+        common.check_windows(shape, self.radius)
 
     def memory(self, shape: Shape, planes: NDArray[np.float64], sample_bytes: int) -> int:
         """Views in colour and the volume, or three of it while paths are looked for."""
@@ -95,7 +95,6 @@ class Cae(Method):
         with trace.block("smoothing"):
             low, high = _extremes(volume, engine)
             smoothing = GuidedFilter(guide, self.radius, self.epsilon / 255**2, engine=engine)
-            scaled = engine.empty(problem.size, np.float32)
         for index in range(len(planes)):
             with trace.block("smoothing"):
                 found = engine.download(volume[index])

@@ -12,8 +12,8 @@ from lfdepth.blocks.bilateral import bilateral_weights
 from lfdepth.blocks.costs import drift_thresholds
 from lfdepth.blocks.labels import cheapest
 from lfdepth.blocks.median import weighted_median
-from lfdepth.blocks.smoothing import check_window, guide_image
-from lfdepth.methods import labels
+from lfdepth.blocks.smoothing import guide_image
+from lfdepth.methods import common, labels
 from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
 from lfdepth.methods.parameters import Real, Whole
 
@@ -72,7 +72,7 @@ class Oavc(Method):
 
     def check(self, shape: Shape) -> None:
         """The filter's windows have to fit the views."""
-        check_window(self.radius, (shape[2], shape[3]))
+        common.check_windows(shape, self.radius)
 
     def memory(self, shape: Shape, planes: NDArray[np.float64], sample_bytes: int) -> int:
         """Views in colour, the volume before and after the filter, and the filter's weights."""

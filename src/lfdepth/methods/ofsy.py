@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lfdepth.blocks.labels import cheapest, neighbour_weights
 from lfdepth.blocks.smoothing import guide_image
-from lfdepth.blocks.surfaces import smooth_surface
+from lfdepth.blocks.variation import smooth_surface
 from lfdepth.engines.base import Array, Bool, Engine
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField, reference_index

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from lfdepth.blocks import occluders
 from lfdepth.blocks.contours import canny
-from lfdepth.blocks.smoothing import check_window
 from lfdepth.lightfield import luma
 from lfdepth.methods import labels
-from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
-from lfdepth.methods.lf_occ import EdgeRadius, SigmaColour, Window, group_bytes
+from lfdepth.methods.base import Maps, MethodInfo, Problem, Shape, Work
+from lfdepth.methods.lf_occ import TwoGroups
 from lfdepth.methods.parameters import Real, Whole
 
 _ROUNDS = 10
@@ -23,7 +22,7 @@ _ROUNDS = 10
 
 
 @dataclass(frozen=True, kw_only=True)
-class Omg(Method):
+class Omg(TwoGroups):
     """What is occluded near an edge, and from which views, the picture around the pixel says.
 
     Zhu, Wang, Yu: Occlusion-model guided antiocclusion depth estimation in light field, IEEE JSTSP 11(7),
@@ -38,7 +37,6 @@ class Omg(Method):
     )
 
     planes: labels.Labels = 100
-    edge_radius: EdgeRadius = 4
     clusters: Annotated[int, Whole("Clusters of the colours around a pixel.", ge=2, le=10, symbol="k")] = 5
     alike: Annotated[
         float,
@@ -62,28 +60,20 @@ class Omg(Method):
         float,
         Real("Variance of all views over that of the chosen ones above which a pixel is occluded.", gt=1),
     ] = 2.0
-    window: Window = 2
-    sigma_colour: SigmaColour = 0.01
-    regulariser: labels.Regulariser = "paths"
-    subplane: labels.Subplane = False
-
-    def check(self, shape: Shape) -> None:
-        """The filter's windows have to fit the views."""
-        check_window(self.window, (shape[2], shape[3]))
 
     def memory(self, shape: Shape, planes: NDArray[np.float64], sample_bytes: int) -> int:
         """Views in colour, two groups of them, the patches, and a volume, or three."""
         patches = shape[2] * shape[3] * int(self.patch_scale * max(shape[:2]) + 2) ** 2
-        return patches + group_bytes(shape, planes, sample_bytes, paths=self.regulariser == "paths")
+        return patches + super().memory(shape, planes, sample_bytes)
 
     def halo(self) -> int:
         """The filter's window, the patch of a grid of 9×9 views, and edges; paths carry farther."""
-        return self.window + self.edge_radius + 8 + math.ceil(4 * self.patch_scale)
+        return super().halo() + math.ceil(4 * self.patch_scale)
 
     def run(self, problem: Problem, work: Work) -> Maps:
         """Choose views near edges, find the cheapest labels, look for occlusions, regularise."""
-        lf, planes, engine, trace = problem.lf, problem.planes, work.engine, work.trace
-        trace.steps(len(planes) + (self.regulariser == "paths"))
+        lf, engine, trace = problem.lf, work.engine, work.trace
+        trace.steps(len(problem.planes) + (self.regulariser == "paths"))
         with trace.block("edges"):
             candidates = _dilated(canny(luma(lf.reference)), self.edge_radius)
             groups = occluders.consistent_groups(
@@ -95,27 +85,12 @@ class Omg(Method):
                 scale=self.patch_scale,
                 engine=engine,
             )
-        winners = occluders.find_winners(
-            lf,
-            planes,
-            groups,
-            occluders.choose_first(self.doubt),
-            window=self.window,
-            sigma_colour=self.sigma_colour,
-            subplane=self.subplane,
-            engine=engine,
-            trace=trace,
-        )
-        if self.regulariser == "none":
-            return Maps(winners.disparity, winners.confidence)
-        with trace.block("paths"):
+
+        def occlusions(winners: occluders.Winners) -> NDArray[np.bool_]:
             chosen, everyone = winners.spreads**2
-            occlusions = candidates & (everyone > self.occluded * chosen)
-            disparity = occluders.regularise(
-                lf, winners, occlusions, planes, subplane=self.subplane, engine=engine
-            )
-        trace.step("paths")
-        return Maps(disparity, winners.confidence)
+            return np.asarray(candidates & (everyone > self.occluded * chosen))
+
+        return self.decide(problem, work, groups, occluders.choose_first(self.doubt), occlusions)
 
 
 def _dilated(mask: NDArray[np.bool_], radius: int) -> NDArray[np.bool_]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
@@ -9,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfdepth.blocks.labels import cheapest
-from lfdepth.blocks.parallelogram import CROSS, SideRule, epis, joined_costs, smooth_slices
-from lfdepth.blocks.smoothing import GuidedFilter, check_window, guide_image
-from lfdepth.methods import labels
+from lfdepth.blocks.parallelogram import CROSS, Epi, SideRule, epis, joined_costs, smooth_slices
+from lfdepth.blocks.smoothing import GuidedFilter, guide_image
+from lfdepth.methods import common, labels
 from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
 from lfdepth.methods.parameters import Real, Whole
 
@@ -57,7 +58,7 @@ class Spo(Method):
 
     def check(self, shape: Shape) -> None:
         """The filter's windows have to fit the views."""
-        check_window(self.radius, (shape[2], shape[3]))
+        common.check_windows(shape, self.radius)
 
     def memory(self, shape: Shape, planes: NDArray[np.float64], sample_bytes: int) -> int:
         """Two volumes, and a few labels at a time."""
@@ -69,14 +70,25 @@ class Spo(Method):
 
     def run(self, problem: Problem, work: Work) -> Maps:
         """Compare sides, join rows and columns, smooth, keep the best label."""
+        with work.trace.block("preparation"):
+            directions = epis(problem.lf, CROSS, self.bins, work.engine)
+        return self.compare(problem, work, directions)
+
+    def compare(
+        self,
+        problem: Problem,
+        work: Work,
+        directions: Sequence[Epi],
+        trust: Sequence[NDArray[np.float32]] | None = None,
+    ) -> Maps:
+        """Compare the sides in these directions, join them (`joined_costs`), smooth, keep the best label."""
         lf, planes, engine, trace = problem.lf, problem.planes, work.engine, work.trace
         with trace.block("preparation"):
-            directions = epis(lf, CROSS, self.bins, engine)
             guide = guide_image(lf, "colour")
             smoothing = GuidedFilter(guide, self.radius, self.epsilon / 255**2, engine=engine)
         trace.steps(len(planes) * (len(directions) + 1))
         rule = SideRule(self.alpha, self.bins, self.sigma)
-        costs = joined_costs(directions, planes, rule, engine=engine, trace=trace)
+        costs = joined_costs(directions, planes, rule, trust=trust, engine=engine, trace=trace)
         trace.take("costs", costs)
         volume = smooth_slices(costs, smoothing, engine, trace)
         with trace.block("decoding"):

@@ -11,18 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfdepth.blocks.contours import canny, orientations, spread
-from lfdepth.blocks.labels import cheapest
-from lfdepth.blocks.parallelogram import STAR, Epi, SideRule, epis, joined_costs, smooth_slices
-from lfdepth.blocks.smoothing import GuidedFilter, check_window, guide_image
+from lfdepth.blocks.parallelogram import STAR, Epi, epis
 from lfdepth.lightfield import LightField, luma
 from lfdepth.methods import labels
-from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
+from lfdepth.methods.base import Maps, MethodInfo, Problem, Shape, Work
 from lfdepth.methods.parameters import Real, Whole
-from lfdepth.methods.spo import Alpha, Bins, Sigma
+from lfdepth.methods.spo import Spo
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpoMo(Method):
+class SpoMo(Spo):
     """As SPO in rows, columns and both diagonals of views; at an edge, the direction along it counts most.
 
     Sheng, Zhao, Zhang, Zhang, Yang: Occlusion-aware depth estimation for light field using multi-orientation
@@ -36,23 +34,12 @@ class SpoMo(Method):
         reference="doi:10.1016/j.patcog.2017.09.010",
     )
 
-    planes: labels.Labels = 256
-    alpha: Alpha = 0.8
-    bins: Bins = 64
-    sigma: Sigma = 0.26
     edge_radius: Annotated[
         int, Whole("How far around an edge its direction decides.", ge=0, le=100, unit="px")
     ] = 3
     edge_spread: Annotated[
         float, Real("Sine of the angle to an edge over which directions count.", gt=0, le=100)
     ] = 0.3
-    radius: labels.GuideRadius = 7
-    epsilon: labels.GuideEpsilon = 1e-4
-    subplane: labels.Subplane = False
-
-    def check(self, shape: Shape) -> None:
-        """The filter's windows have to fit the views."""
-        check_window(self.radius, (shape[2], shape[3]))
 
     def memory(self, shape: Shape, planes: NDArray[np.float64], sample_bytes: int) -> int:
         """Two volumes, and a few labels at a time."""
@@ -61,23 +48,14 @@ class SpoMo(Method):
 
     def halo(self) -> int:
         """Two windows of the filter, the samples beside the line, edges and what decides their angle."""
-        return 2 * self.radius + 5 + self.edge_radius + 8
+        return super().halo() + self.edge_radius + 8
 
     def run(self, problem: Problem, work: Work) -> Maps:
         """Compare sides, join the directions, smooth, keep the best label."""
-        lf, planes, engine, trace = problem.lf, problem.planes, work.engine, work.trace
-        with trace.block("preparation"):
-            directions = epis(lf, STAR, self.bins, engine)
-            trust = self._trust(lf, directions)
-            guide = guide_image(lf, "colour")
-            smoothing = GuidedFilter(guide, self.radius, self.epsilon / 255**2, engine=engine)
-        trace.steps(len(planes) * (len(directions) + 1))
-        rule = SideRule(self.alpha, self.bins, self.sigma)
-        costs = joined_costs(directions, planes, rule, trust=trust, engine=engine, trace=trace)
-        trace.take("costs", costs)
-        volume = smooth_slices(costs, smoothing, engine, trace)
-        with trace.block("decoding"):
-            return Maps(*cheapest(volume, planes, subplane=self.subplane, engine=engine))
+        with work.trace.block("preparation"):
+            directions = epis(problem.lf, STAR, self.bins, work.engine)
+            trust = self._trust(problem.lf, directions)
+        return self.compare(problem, work, directions, trust)
 
     def _trust(self, lf: LightField, directions: Sequence[Epi]) -> list[NDArray[np.float32]]:
         """How much each direction counts: as much as any away from edges, near them as it runs along them."""

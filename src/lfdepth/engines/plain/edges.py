@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from lfdepth.engines.base import Bool, Float
-from lfdepth.engines.layout import DISPARITY_PARTS
+from lfdepth.engines.layout import DISPARITY_PARTS, JUMP_SHARE
 from lfdepth.engines.plain.photo import Surfaces
 from lfdepth.engines.plain.sampling import bilinear, inside
 from lfdepth.lightfield import LightField
 
-_JUMP_SHARE = 0.7  # of the change within 5×5 px that a jump makes within 3×3
 _FRONT_REACH, _FRONT_BLUR = 2, 1.5  # px: where the foreground's colour is looked for, and its weights' spread
 _FRONT_GATE = 0.25  # of a jump, within which a pixel is the nearer surface's
 _FRINGE = 0.05  # weight of foreground pixels that touch the background: they may be mixed themselves
@@ -139,7 +138,7 @@ def edges(disparity: Float, near: Float, far: Float, jump: float) -> Bool:
     """Pixels, but for the outermost, beside a jump: a steep slope changes twice as far within 5×5 px."""
     highest, lowest = (each(disparity, 5, mode="nearest") for each in _EXTREMES)
     change = near - far
-    found = (change >= np.float32(jump)) & (change >= np.float32(_JUMP_SHARE) * (highest - lowest))
+    found = (change >= np.float32(jump)) & (change >= np.float32(JUMP_SHARE) * (highest - lowest))
     outermost = np.ones(disparity.shape, np.bool_)
     outermost[1:-1, 1:-1] = False
     return np.asarray(found & ~outermost)

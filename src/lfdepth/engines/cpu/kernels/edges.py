@@ -8,13 +8,14 @@ import numpy as np
 from lfdepth.engines.cpu.compilation import INNER, KERNEL
 from lfdepth.engines.cpu.kernels.sampling import inside, sample
 from lfdepth.engines.layout import DISPARITY_PARTS as PARTS
+from lfdepth.engines.layout import JUMP_SHARE
 
 _REACH = 2  # px around a pixel in which the foreground's colour is looked for
 _BLUR = np.float32(1.5)  # standard deviation in px of the weights of those pixels
 _FRINGE = np.float32(
     0.05
 )  # weight of foreground pixels that touch the background: they may be mixed themselves
-_JUMP_SHARE = np.float32(0.7)  # of the change within 5 × 5 pixels that a jump makes within 3 × 3
+_JUMP_SHARE = np.float32(JUMP_SHARE)
 _FEW_VIEWS = 3
 _SAME = np.float32(4)  # grey levels squared per channel: surfaces of one colour cannot be told apart
 
