@@ -1,4 +1,4 @@
-"""The demonstration: a light field with exact truth, every method on it, and one picture of all of them."""
+"""The demonstration: a light field with exact truth, our own methods on it, and one picture of them all."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def run_demo(
     announce: Announce | None = None,
     progress: Progress | None = None,
 ) -> Demo:
-    """Render the demo scene, estimate it with every method, score the maps and write one picture.
+    """Render the demo scene, estimate it with each of our own methods, score the maps and write one picture.
 
     Parameters
     ----------

@@ -430,9 +430,10 @@ def mask(
 
 @app.command(sort_key=8)
 def demo(*, output: Output = DEMO_FOLDER, size: int = SIZE, as_json: Json = False) -> None:
-    """Make a light field with exact truth, estimate it with every method, and compare. Needs no data.
+    """Make a light field with exact truth, estimate it with each of its own methods, and compare.
 
-    Prints a table of errors and writes demo.png: reference view, truth, each method's map and its error.
+    Needs no data. Prints a table of errors and writes demo.png: reference view, truth, each method's map and
+    its error.
 
     Parameters
     ----------
