@@ -72,6 +72,7 @@ def test_both_ends_are_found_in_real_scenes(name: str, data_folder: Path) -> Non
     assert off(lfdepth.read(data_folder / "hci4d" / name)) < CLOSE
 
 
+@pytest.mark.slow
 def test_it_takes_less_time_than_an_estimate(data_folder: Path) -> None:
     lf = lfdepth.read(data_folder / "hci4d/cotton", crop=(128, 128, 256, 256))
     lfdepth.estimate(lf, range=(-0.1, 0.1), threads=1)  # compiles

@@ -247,6 +247,7 @@ def _blocks(views: Any) -> Any:
     return views.reshape(v, u, height // 16, 16, width // 16, 16, channels).mean(axis=(3, 5, 6))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "case",
     [

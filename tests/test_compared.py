@@ -14,7 +14,11 @@ from lfdepth.methods import COMPARED
 @pytest.mark.parametrize("name", COMPARED)
 @pytest.mark.parametrize(
     ("grid", "size", "dtype", "channels"),
-    [((3, 3), (20, 21), "uint16", 1), ((4, 5), (24, 20), "float32", 3), ((1, 5), (18, 40), "uint8", 3)],
+    [
+        ((3, 3), (20, 21), "uint16", 1),
+        pytest.param((4, 5), (24, 20), "float32", 3, marks=pytest.mark.slow),
+        ((1, 5), (18, 40), "uint8", 3),
+    ],
 )
 def test_any_grid_size_and_depth(
     name: str, grid: tuple[int, int], size: tuple[int, int], dtype: str, channels: int

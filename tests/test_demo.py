@@ -18,6 +18,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Demo:
     return run_demo(tmp_path_factory.mktemp("demo") / "made" / "here")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", methods.FAMILY)
 def test_every_method_is_near_the_truth(demo: Demo, name: str) -> None:
     assert demo.scores[name]["badpix_0.07"] < 12

@@ -127,6 +127,7 @@ def test_disparities_at_the_limit_are_refused() -> None:
         lfdepth.find_range(lf, limit=10)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "size", "views", "seed"),
     [
