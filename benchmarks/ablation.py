@@ -1,11 +1,12 @@
 """What each ingredient of fbs-vis earns: every one switched off or changed alone, on every scene at hand.
 
     python benchmarks/ablation.py [--data DIR] [--size 320] [--scenes NAMES] [--variants NAMES] \
-[--json FILE | --from FILE] [--write]
+[--json FILE | --from FILES] [--write]
 
 DIR holds one folder per scene in the layout of the 4D Light Field Benchmark, with gt_disp_lowres.pfm. The
 procedural scenes are rendered at SIZE px. `--write` puts the tables into docs/ablation.md, between its marks;
-`--from` takes the figures of an earlier `--json` instead of computing them.
+`--from` takes the figures of earlier `--json` files instead of computing them: runs of a few scenes each may
+stand side by side on a machine of many processors.
 """
 
 from __future__ import annotations
@@ -251,12 +252,13 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="+", help="only these")
     parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=list(VARIANTS))
     parser.add_argument("--json", type=Path, help="write all figures here")
-    parser.add_argument("--from", dest="earlier", type=Path, help="read all figures from here")
+    parser.add_argument("--from", dest="earlier", nargs="+", type=Path, help="read all figures from these")
     parser.add_argument("--write", action="store_true", help="put the tables into docs/ablation.md")
     chosen = parser.parse_args()
     if chosen.earlier:
-        found = json.loads(chosen.earlier.read_text(encoding="utf-8"))
-        rows, origin = [Row(**each) for each in found["rows"]], found["origin"]
+        found = [json.loads(path.read_text(encoding="utf-8")) for path in chosen.earlier]
+        rows = [Row(**each) for part in found for each in part["rows"]]
+        origin = found[0]["origin"]
     else:
         origin = _origin(chosen.data, chosen.size)
         rows = list(run(chosen.data, chosen.size, chosen.scenes, chosen.variants))
