@@ -1,3 +1,4 @@
+from collections import defaultdict
 from pathlib import Path
 
 import pytest
@@ -16,3 +17,19 @@ def data_folder() -> Path:
     if not DATA.is_dir():
         pytest.skip(f"real data is absent: {DATA}")
     return DATA
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Of a test with many cases, marked `thin(n)`, only every nth is run by default; the others are slow.
+
+    A stride that shares no factor with the numbers of values meets each value of every parameter.
+    """
+    met: defaultdict[str, int] = defaultdict(int)
+    for item in items:
+        mark = item.get_closest_marker("thin")
+        if mark is not None:
+            name = item.nodeid.partition("[")[0]
+            if met[name] % mark.args[0]:
+                item.add_marker("slow")
+            met[name] += 1

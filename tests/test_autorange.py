@@ -43,11 +43,13 @@ def plane(
     return LightField(quantise(plane_views(paint, disparity, grid, size), "uint8")[..., None])
 
 
+@pytest.mark.thin(2)
 @pytest.mark.parametrize("name", [*SUITE, *STRATIFIED])
 def test_both_ends_are_found_in_the_procedural_scenes(name: str) -> None:
     assert off(scenes.render(name, size=128, views=9, seed=3, samples=2)) < CLOSE
 
 
+@pytest.mark.thin(3)
 @pytest.mark.parametrize("views", [3, 5])
 @pytest.mark.parametrize("name", [*SUITE, *STRATIFIED])
 def test_both_ends_are_found_with_few_views(name: str, views: int) -> None:

@@ -67,6 +67,7 @@ def test_samples_agree_with_the_oracle() -> None:
         np.testing.assert_allclose(out.astype(np.float64), expected, rtol=1e-6)
 
 
+@pytest.mark.thin(4)
 @pytest.mark.parametrize("dtype", fields.DTYPES)
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize("grid", GRIDS)

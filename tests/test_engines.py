@@ -282,6 +282,7 @@ def rough_map(rng: np.random.Generator, size: tuple[int, int]) -> Array:
     return np.asarray(np.rint(disparity * 64) / 64, np.float32)
 
 
+@pytest.mark.thin(5)
 @pytest.mark.parametrize("dtype", fields.DTYPES)
 @pytest.mark.parametrize("grid", GRIDS)
 def test_shares_agree_with_the_oracle(used: Engine, grid: tuple[int, int], dtype: str) -> None:
@@ -330,6 +331,7 @@ def test_a_part_of_the_grid_is_a_light_field(used: Engine) -> None:
     np.testing.assert_array_equal(used.download(out), expected)
 
 
+@pytest.mark.thin(4)
 @pytest.mark.parametrize("dtype", fields.DTYPES)
 @pytest.mark.parametrize("columns", [(0, 30), (4, 17), (29, 30)])
 def test_high_passed_shares_agree_with_the_oracle(used: Engine, columns: tuple[int, int], dtype: str) -> None:
@@ -858,6 +860,7 @@ def shares_apart(engine: str, name: str, of: str, **options: Any) -> tuple[float
     return disparity, confidence
 
 
+@pytest.mark.thin(2)
 @pytest.mark.parametrize("of", ["gloss", "layers", "odd"])
 @pytest.mark.parametrize("name", ["fbs", "fbs-sfa", "fbsocc-sfa", "fbs-vis", "fbs-vis without gloss"])
 @pytest.mark.parametrize("engine", OTHERS)

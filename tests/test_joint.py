@@ -217,6 +217,7 @@ def collect(
     return decoder
 
 
+@pytest.mark.thin(4)
 @pytest.mark.parametrize("stride", [1, 2])
 @pytest.mark.parametrize("dtype", fields.DTYPES)
 @pytest.mark.parametrize(

@@ -59,6 +59,7 @@ def edit(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new), encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_a_changed_constant_or_callee_in_another_file_counts(package: Path, tmp_path: Path) -> None:
     """Level and difference follow from what the files say: 255·1, |8 − 0|; then 100·1, |2·8 − 0|."""
     cache = tmp_path / "kernels"

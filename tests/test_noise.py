@@ -30,6 +30,7 @@ def test_the_ramp() -> None:
     assert found.dtype == np.float32
 
 
+@pytest.mark.thin(5)
 @pytest.mark.parametrize("dtype", fields.DTYPES)
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize("grid", [(3, 3), (4, 6), (1, 5), (7, 1)])

@@ -66,6 +66,7 @@ def test_all_eight_orders_of_a_lytro_picture(data_folder: Path) -> None:
     assert [found(disordered(lf, mends)) for mends in EIGHT] == EIGHT
 
 
+@pytest.mark.thin(2)
 @pytest.mark.parametrize("name", TELLING)
 def test_procedural_scenes(name: str) -> None:
     lf = scenes.render(name, size=128, views=9, seed=1, samples=1)
@@ -211,6 +212,7 @@ SPOILED = Imperfections(
 )
 
 
+@pytest.mark.thin(2)
 @pytest.mark.parametrize("name", ["cotton", "backgammon"])
 def test_all_eight_orders_are_told_where_brightness_differs(name: str, data_folder: Path) -> None:
     lf = spoil(read(data_folder / "hci4d" / name, crop=(130, 130, 192, 192)), SPOILED)

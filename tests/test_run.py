@@ -51,6 +51,7 @@ def kept_by(lf: LightField, name: str, **options: Any) -> tuple[Result, naive.Ar
     return result, np.stack(trace.kept["votes"]), np.stack(trace.kept["smoothed"])
 
 
+@pytest.mark.thin(3)
 @pytest.mark.parametrize("skip", [1, 2, 3, 7, 40])
 @pytest.mark.parametrize("normalise", [False, True])
 @pytest.mark.parametrize(("grid", "dtype"), [((5, 5), "uint8"), ((4, 6), "uint16")])
@@ -70,6 +71,7 @@ def test_one_pass_is_the_papers_j_chains(
     np.testing.assert_allclose(slices, smoothed, atol=1e-4)
 
 
+@pytest.mark.thin(5)
 @pytest.mark.parametrize("name", ["fbs", "fbs-sfa", "fbsocc-sfa"])
 @pytest.mark.parametrize(
     "options",

@@ -48,6 +48,7 @@ def test_box_means_agree_with_the_oracle(size: tuple[int, int], radius: int) -> 
     np.testing.assert_allclose(box_mean(image, radius), naive.box_mean(image, radius), atol=1e-12)
 
 
+@pytest.mark.thin(5)
 @pytest.mark.parametrize(("size", "radius"), CASES)
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize(("epsilon", "tolerance"), [(1e-2, 4e-7), (1e-4, 4e-6), (2e-6, 1.25e-4)])

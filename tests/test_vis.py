@@ -43,6 +43,7 @@ def agree(lf: LightField, chosen: FbsVis) -> naive_vis.Decoded:
     return expected
 
 
+@pytest.mark.thin(2)
 @pytest.mark.parametrize(
     ("lf", "options"),
     [
@@ -60,6 +61,7 @@ def test_the_method_agrees_with_the_oracle(lf: LightField, options: dict[str, An
     agree(lf, FbsVis(**{**OPTIONS, "effort": "fast", **options}))
 
 
+@pytest.mark.thin(2)
 @pytest.mark.parametrize(("grid", "dtype"), [((5, 5), "uint8"), ((3, 5), "float32")])
 def test_gloss_agrees_with_the_oracle(grid: tuple[int, int], dtype: str) -> None:
     """Where it decides much of the picture."""

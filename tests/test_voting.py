@@ -51,6 +51,7 @@ def assert_votes_agree(lf: LightField, disparity: float, mask: Mask | None, rule
     )
 
 
+@pytest.mark.thin(5)
 @pytest.mark.parametrize("delta", DELTAS)
 @pytest.mark.parametrize("gradient", GRADIENTS)
 @pytest.mark.parametrize("dtype", fields.DTYPES)
@@ -69,6 +70,7 @@ def test_votes_agree_with_the_oracle(
         assert_votes_agree(lf, disparity, mask, rule)
 
 
+@pytest.mark.thin(5)
 @pytest.mark.parametrize("gradient", GRADIENTS)
 @pytest.mark.parametrize("dtype", fields.DTYPES)
 @pytest.mark.parametrize("kind", fields.TEXTURES)

@@ -32,6 +32,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return prepare(tmp_path_factory.mktemp("survival"))
 
 
+@pytest.mark.thin(2)
 @pytest.mark.parametrize("name", FEW)
 def test_the_old_result_or_the_new_one(data: Path, tmp_path: Path, name: str) -> None:
     trial, report, random = Trial(COMMANDS[name], data, tmp_path), Report(), Random(name)
