@@ -163,7 +163,7 @@ def test_estimate_finds_the_range_that_nothing_tells(scene: Path, run: Run) -> N
     assert facts["range"] == pytest.approx([DISPARITY] * 2, abs=0.3)  # what the automatic range promises
     assert read_disparity("map.pfm")[10:-10, 10:-10] == pytest.approx(DISPARITY, abs=0.05)
     _, text, _ = run("estimate", "scene", "-o", "map.pfm")
-    assert "px per view step (found in the views)" in text
+    assert "px per view step (estimated from the views)" in text
     for words in (["--range", "-0.5", "1.5"], []):
         if not words:
             (scene / "parameters.cfg").write_text(CONFIG)
@@ -350,7 +350,7 @@ def test_info_finds_the_range_of_a_scene_that_has_none(scene: Path, run: Run) ->
     facts = json.loads(run("info", "scene", "--json")[1])
     assert facts["range_found"]
     assert facts["disparity_range"] == pytest.approx([DISPARITY] * 2, abs=0.3)
-    assert "px per view step (found in the views)" in run("info", "scene")[1]
+    assert "px per view step (estimated from the views)" in run("info", "scene")[1]
 
 
 def test_info_names_the_option_that_mends_the_order(scene: Path, run: Run) -> None:
@@ -457,11 +457,11 @@ BAD_SCENES: dict[str, tuple[Spoil, list[str]]] = {
     ),
     "other size": (
         lambda s: save_view(s, 3, np.zeros((SIZE, SIZE + 1, 3), np.uint8)),
-        ["scene/input_Cam003.png", "49x48 px", "48x48 px", "one size"],
+        ["scene/input_Cam003.png", "49x48 px", "48x48 px", "the same size"],
     ),
     "other mode": (
         lambda s: save_view(s, 3, np.zeros((SIZE, SIZE), np.uint8)),
-        ["scene/input_Cam003.png", "grey", "colour", "one size and kind"],
+        ["scene/input_Cam003.png", "grey", "colour", "the same size and kind"],
     ),
     "truncated picture": (lambda s: truncate(s / "input_Cam004.png"), ["scene/input_Cam004.png"]),
     "no picture": (
@@ -534,8 +534,8 @@ BAD_OPTIONS: dict[str, list[str]] = {
     "--engine abacus": ["engine", "'abacus'", "cpu, numpy"],
     "--preset mine": ["preset", "'mine'", "paper-synthetic"],
     "--quantity width": ["--quantity", "width", "disparity", "depth"],
-    "--mesh": ["map.pfm", "no meshes", ".ply"],
-    "--views 3": ["--views", "'3'", "COLUMNSxROWS"],
+    "--mesh": ["map.pfm", "cannot hold a mesh", ".ply"],
+    "--views 3x": ["--views", "'3x'", "COLUMNSxROWS"],
     "--views 7x5": ["scene", "7 views asked for", "1 to 5", "choose fewer"],
     "--crop 0 0 49 48": ["scene", "crop 0 0 49 48", "48x48 px"],
     "--scale 2": ["scale", "2", "at most 1"],
@@ -556,8 +556,8 @@ BAD_COMMANDS: dict[str, list[str]] = {
     "estimate scene": ["--output", "see lfdepth estimate --help"],
     "estimate scene other -o map.pfm": ["other", "see lfdepth estimate --help"],
     "estimate nowhere -o map.pfm": ["nowhere", "no such file or folder", "check the path"],
-    "estimate scene -o map.jpg": ["map.jpg", "unknown ending .jpg", ".pfm", ".png", ".npy", ".npz"],
-    "estimate scene -o map": ["map", "unknown ending", ".pfm", ".png", ".npy", ".npz"],
+    "estimate scene -o map.jpg": ["map.jpg", "unknown extension .jpg", ".pfm", ".png", ".npy", ".npz"],
+    "estimate scene -o map": ["map", "unknown extension", ".pfm", ".png", ".npy", ".npz"],
     "estimate scene -o none/map.pfm": ["none/map.pfm", "folder none does not exist", "create it"],
     "estimate scene -o scene/parameters.cfg/map.pfm": ["folder scene/parameters.cfg does not exist"],
     "estimate scene -o map.png --preview map.png": ["map.png", "two different files", "rename"],
@@ -580,12 +580,12 @@ BAD_COMMANDS: dict[str, list[str]] = {
     "refocus scene --disparity 1 -o none/out.png": ["folder none does not exist"],
     "refocus scene --disparity 1 --without-foreground 0 -o out.png": ["without_foreground", "raise it"],
     "mask scene -o out": ["--foreground-of", "see lfdepth mask --help"],
-    "mask scene --foreground-of 0 -o scene": ["scene", "holds something else", "choose another"],
+    "mask scene --foreground-of 0 -o scene": ["scene", "is a folder with other content", "choose another"],
     "mask scene --foreground-of 0 -o scene/parameters.cfg": ["is a file", "choose another"],
     "mask scene --foreground-of 0 --map map.pfm -o out": ["map.pfm", "no such file"],
     "evaluate map.pfm scene": ["map.pfm", "no such file", "check the path"],
     "evaluate scene/input_Cam000.png scene": ["scene/input_Cam000.png", "16-bit grey", "preview"],
-    "evaluate scene/parameters.cfg scene": ["scene/parameters.cfg", "unknown ending .cfg", ".pfm"],
+    "evaluate scene/parameters.cfg scene": ["scene/parameters.cfg", "unknown extension .cfg", ".pfm"],
     "info nowhere": ["nowhere", "no such file or folder", "check the path"],
     "estimat scene": ["estimat", "see lfdepth --help"],
     "bench -o out": ["nothing to run", "name them"],

@@ -83,11 +83,18 @@ def test_a_part_of_a_scene(scene: Path, run: Run) -> None:
     np.testing.assert_array_equal(lfdepth.read("part.npz").views, whole[:, 1:4, 4:20, 8:28])
 
 
+def test_one_number_is_a_square_grid_of_views(scene: Path, run: Run) -> None:
+    run("convert", "scene", "-o", "square.npz", "--views", "3")
+    np.testing.assert_array_equal(lfdepth.read("square.npz").views, lfdepth.read(scene).views[1:4, 1:4])
+    run("scenes", "render", "bars", "-o", "rendered", "--size", "48", "--views", "3")
+    assert lfdepth.read("rendered/bars").shape[:2] == (3, 3)
+
+
 def test_hdf5_becomes_a_benchmark_folder(scene: Path, run: Run) -> None:
     with h5py.File("buddha.h5", "w") as file:
         file["LF"] = lfdepth.read(scene).views
     words = ["convert", "buddha.h5", "-o", "b", "--to", "benchmark"]
-    assert "b: the camera is unknown; expected it for parameters.cfg" in run.refused(*words)
+    assert "b: the camera is unknown, but parameters.cfg needs it" in run.refused(*words)
     camera = ["--baseline-mm", "10", "--focal-mm", "50", "--sensor-mm", "36", "--focus-m", "2"]
     run(*words, "--range", "-1", "2", *camera)
     lf = lfdepth.read("b", format="benchmark")
@@ -177,7 +184,7 @@ def test_maps_are_told_from_light_fields(scene: Path, run: Run, ending: str) -> 
     scale = 2 / 65535 if ending == "png" else 0
     assert np.abs(np.load("out.npy") - RECORD.values).max() <= scale
     words = ["convert", f"map.{ending}", "-o", "out", "--to", "benchmark"]
-    assert "is a map; expected a light field with --to" in run.refused(*words)
+    assert "is a map; --to, --samples and --range expected a light field" in run.refused(*words)
     assert "is a map" in run.refused("convert", f"map.{ending}", "-o", "out.npy", "--samples", "uint8")
 
 
@@ -185,8 +192,8 @@ def test_maps_are_told_from_light_fields(scene: Path, run: Run, ending: str) -> 
     ("words", "message"),
     [
         ("convert nowhere -o x.npz", "nowhere: no such file or folder"),
-        ("convert scene -o x.jpg", "x.jpg: unknown ending .jpg for a light field; expected one of .npz"),
-        ("convert scene -o scene", "scene: is a folder that holds something else"),
+        ("convert scene -o x.jpg", "x.jpg: unknown extension .jpg for a light field; expected one of .npz"),
+        ("convert scene -o scene", "scene: is a folder with other content"),
         ("convert scene -o x --to mov", "format 'mov': not written; expected one of folder, benchmark"),
         ("convert scene -o x.mat --mesh", "--mesh: the source is a light field; expected a disparity map"),
         ("convert scene -o x.h5 --quantity depth", "--quantity: the source is a light field"),

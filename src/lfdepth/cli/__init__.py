@@ -87,8 +87,8 @@ def _explained(error: Exception) -> int:
         return _fail(f"{error.filename or 'file'}: {error.strerror or error}")
     if isinstance(error, RuntimeError) and "cannot cache function" in str(error):
         return _fail(
-            "compiled kernels: neither the package's nor the user's cache folder can be written; expected "
-            "one that can; set NUMBA_CACHE_DIR to a folder of yours"
+            "compiled kernels: neither the package's nor the user's cache folder is writable; expected a "
+            "writable one; set NUMBA_CACHE_DIR to a folder of your own"
         )
     raise error
 
@@ -105,8 +105,8 @@ def _usage(error: CycloptsError, method: str) -> str:
         option = error.token.keyword or error.token.value
         known = [each.option for each in methods.parameters_of(methods.method_class(method)).values()]
         return (
-            f"{option}: neither {command} nor method {method} has it; expected one of the method's "
-            f"{', '.join(known)}, or another of the command's; see {command} --method {method} --help"
+            f"{option}: neither {command} nor method {method} has this option; expected one of the method's "
+            f"({', '.join(known)}) or of the command's; see {command} --method {method} --help"
         )
     return f"{_one_line(error).rstrip('.')}; see {command} --help"
 

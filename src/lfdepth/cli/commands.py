@@ -85,35 +85,35 @@ def estimate(
     Parameters
     ----------
     scene
-        Light field: a folder of views such as those of the 4D Light Field Benchmark, or a file.
+        Light field: a folder of views, such as a scene of the 4D Light Field Benchmark, or a file.
     output
-        Map to write; the ending picks the format: .pfm, .npy, .tif, .exr, .png (16 bits, its scale in a .json
-        beside it), .npz or .zarr (disparity, confidence, parameters), .ply (points in metres).
+        Map to write; the extension selects the format: .pfm, .npy, .tif, .exr, .png (16 bits, its scale in a
+        .json beside it), .npz or .zarr (disparity, confidence, parameters), .ply (points in metres).
     method
         Name of the method; "lfdepth methods" lists them.
     preset
         Parameters of the paper's experiments: paper-synthetic (step 0.02, J 7), paper-real (step 0.05, J 5).
     range
-        Smallest and largest disparity, px per view step; by default the scene's own, or if it has none the
-        one that is found in its views.
+        Smallest and largest disparity to search, px per view step. If neither this option nor the scene gives
+        a range, lfdepth estimates it from the views.
     preview
         Also write a colour-mapped picture of the disparity with a scale bar, .png.
     quantity
-        What the map holds: disparity, or depth in metres, for which the camera has to be known.
+        What the map holds: disparity, or depth in metres (the camera must be known).
     mesh
-        .ply only: connect the points by triangles, cut at occlusion boundaries.
+        .ply only: join the points into a triangle mesh, cut at depth edges.
     engine
-        What computes; "lfdepth methods" lists the engines.
+        Engine that does the computing; "lfdepth methods" lists them.
     threads
-        Number of threads; every processor by default.
+        Number of threads; one per processor by default.
     force
-        Allow an extreme number of planes, and more memory than seems to be free.
+        Run even with an extreme number of planes, or if memory seems too small.
     equalise
-        auto: make the brightness of the views equal where it differs; off: take them as they are.
+        auto: equalise the brightness of the views where it differs; off: use the views unchanged.
     aspect
-        Vertical steps of the views over horizontal ones, where they differ; 1 by default.
+        Vertical step between views divided by the horizontal step; 1 by default.
     refine_positions
-        Estimate twice: the first map tells where the views stand, off the regular grid.
+        Estimate twice: the first map is used to measure where each camera really is, off the regular grid.
     """
     import lfdepth
     from lfdepth.cli.ahead import KernelsAhead
@@ -195,8 +195,8 @@ def evaluate(
     Parameters
     ----------
     result
-        Disparity map of the reference view: .pfm, .npy, .npz, .tif, .exr, .zarr, or .png with its .json. The
-        confidence that .npz, .zarr and .exr hold is scored as well.
+        Disparity map of the reference view: .pfm, .npy, .npz, .tif, .exr, .zarr, or .png with its .json. If
+        the file also holds a confidence (.npz, .zarr, .exr), that is scored as well.
     scene
         Light field with truth, such as a benchmark folder with gt_disp_lowres.pfm, or with --truth FILE.
     error_map
@@ -236,15 +236,15 @@ def info(
 ) -> None:
     """Describe a light field: views, their order, disparity range, camera, truth.
 
-    Tells from the pixels whether the views are in order, and which options mend it if they are not. Where no
-    disparity range is given with the scene, it is found in the views.
+    Checks on the pixels whether the views are in order and, if they are not, says which options fix it. If
+    the scene gives no disparity range, lfdepth estimates it from the views.
 
     Parameters
     ----------
     scene
-        Light field: a folder of views such as those of the 4D Light Field Benchmark, or a file.
+        Light field: a folder of views, such as a scene of the 4D Light Field Benchmark, or a file.
     check
-        Look at the pixels, which takes a second or two.
+        Check the pixels too; takes a second or two.
     """
     import lfdepth
 
@@ -273,7 +273,7 @@ def convert(
     as_json: Json = False,
     reading: ReadingParameters = AS_IT_IS,
 ) -> None:
-    """Convert a light field to another format, or a disparity map to another format, to metres or to points.
+    """Convert a light field to another format, or a disparity map to another format, metres or a point cloud.
 
     For example:
 
@@ -286,26 +286,26 @@ def convert(
     Parameters
     ----------
     source
-        Light field, a folder or a file; or disparity map: .pfm, .npy, .npz, .tif, .exr, .zarr, or .png with
-        its .json.
+        A light field (folder or file) or a disparity map (.pfm, .npy, .npz, .tif, .exr, .zarr, or .png with
+        its .json).
     output
-        What to write; the ending picks the format. For a light field: .npz, .npy, .h5, .zarr, .mat, .tif (a
-        page for each view), NAME_qsCxRaA.png (a quilt), or a folder of views, without ending. For a map: as
-        for "lfdepth estimate".
+        What to write; the extension selects the format. For a light field: .npz, .npy, .h5, .zarr, .mat, .tif
+        (one page per view), NAME_qsCxRaA.png (a quilt), or, without an extension, a folder of views. For a
+        map: as for "lfdepth estimate".
     to
-        Light fields: name of the format, where the ending does not tell, such as benchmark for a folder in
+        Light fields: the format, where the extension does not determine it, such as benchmark for a folder in
         the layout of the 4D Light Field Benchmark.
     samples
-        Light fields: type of the samples, scaled so that white stays white; by default as they are.
+        Light fields: sample type to convert to, scaled so that white stays white; unchanged by default.
     range
-        Light fields: smallest and largest disparity, px per view step, to be noted; by default what the scene
-        says, and for the benchmark's layout, which needs it, what is found in the views.
+        Light fields: disparity range to store, px per view step; the scene's own by default. The benchmark's
+        layout needs one, so there it is estimated from the views if the scene has none.
     scene
-        Maps: the light field, whose camera gives metres and whose reference view gives colours.
+        Maps: the light field that supplies the camera (for metres) and the reference view (for colours).
     quantity
-        Maps: what the new one holds, disparity, or depth in metres.
+        Maps: write disparity, or depth in metres.
     mesh
-        Maps to .ply only: connect the points by triangles, cut at occlusion boundaries.
+        Maps to .ply only: join the points into a triangle mesh, cut at depth edges.
     """
     import lfdepth
     from lfdepth.io import check_light_field_writable, check_writable, is_map, read_record
@@ -320,7 +320,7 @@ def convert(
         return
     if to is not None or range is not None or samples is not None:
         raise LightFieldError(
-            f"{source}: is a map; expected a light field with --to, --samples and --range; leave them out"
+            f"{source}: is a map; --to, --samples and --range expected a light field; leave them out"
         )
     check_writable(output)
     view = None if scene is None else reading.read(scene)
@@ -342,7 +342,7 @@ def refocus(
     source: MapSources = ESTIMATED,
     reading: ReadingParameters = AS_IT_IS,
 ) -> None:
-    """Focus on a plane after the fact, see past an occluder, or make a picture in focus everywhere.
+    """Refocus on a plane, see past an occluder, or make a picture that is in focus everywhere.
 
     For example:
 
@@ -353,18 +353,18 @@ def refocus(
     Parameters
     ----------
     scene
-        Light field: a folder of views such as those of the 4D Light Field Benchmark, or a file.
+        Light field: a folder of views, such as a scene of the 4D Light Field Benchmark, or a file.
     output
         Picture to write, .png.
     disparity
         Plane to focus on, px per view step.
     all_in_focus
-        Focus every pixel at its own disparity; takes a disparity map.
+        Focus every pixel at its own disparity; uses a disparity map.
     without_foreground
-        Leave out what is nearer than this, px per view step: of the views, those count in which it does not
-        cover the pixel. Takes a disparity map, which tells where the foreground is.
+        Remove everything nearer than this, px per view step: a pixel is averaged only over the views in which
+        nothing nearer covers it. Uses a disparity map to find the foreground.
     threads
-        Number of threads; every processor by default.
+        Number of threads; one per processor by default.
     """
     _check_focus(disparity, all_in_focus, without_foreground, source)
     from lfdepth.io.pixels import write_picture
@@ -397,7 +397,7 @@ def mask(
     source: MapSources = ESTIMATED,
     reading: ReadingParameters = AS_IT_IS,
 ) -> None:
-    """Write the 4-D foreground mask: for every view, where it shows something nearer than a disparity.
+    """Write the 4-D foreground mask: for every view, the pixels nearer than a given disparity.
 
     For example:
 
@@ -407,16 +407,15 @@ def mask(
     Parameters
     ----------
     scene
-        Light field: a folder of views such as those of the 4D Light Field Benchmark, or a file.
+        Light field: a folder of views, such as a scene of the 4D Light Field Benchmark, or a file.
     output
-        Folder for mask_v00_u00.png and so on, white = foreground; new, empty, or of earlier masks.
+        Folder for mask_v00_u00.png and so on, white = foreground; must be new, empty, or hold earlier masks.
     foreground_of
-        What is nearer than this is foreground, px per view step.
+        Disparity above which a pixel is foreground, px per view step.
     at
-        Plane on which the views are in register in the masks, px per view step; by default each mask fits its
-        view as it is.
+        Align all masks at this plane, px per view step; by default each mask lines up with its own view.
     threads
-        Number of threads; every processor by default.
+        Number of threads; one per processor by default.
     """
     from lfdepth.io.atomic import check_target
     from lfdepth.render.refocus import foreground_masks, write_masks
@@ -430,7 +429,7 @@ def mask(
 
 @app.command(sort_key=8)
 def demo(*, output: Output = DEMO_FOLDER, size: int = SIZE, as_json: Json = False) -> None:
-    """Make a light field with exact truth, estimate it with each of its own methods, and compare.
+    """Render a light field with exact truth, estimate it with each of lfdepth's own methods, and compare.
 
     Needs no data. Prints a table of errors and writes demo.png: reference view, truth, each method's map and
     its error.
@@ -438,7 +437,7 @@ def demo(*, output: Output = DEMO_FOLDER, size: int = SIZE, as_json: Json = Fals
     Parameters
     ----------
     output
-        Folder for the picture; made if it is missing.
+        Folder for the picture; created if missing.
     size
         Side of the views, px.
     """
@@ -461,7 +460,7 @@ def _check_focus(
         )
     if source != ESTIMATED and not all_in_focus and without_foreground is None:
         raise LightFieldError(
-            "--map, --method, --range: found without a use for a disparity map; expected them with "
+            "--map, --method, --range: nothing here uses a disparity map; expected them only with "
             "--without-foreground D or --all-in-focus; leave them out"
         )
 
@@ -522,9 +521,9 @@ def _check_output(output: Path, lf: LightField, quantity: Quantity, mesh: bool) 
     """Raise LightFieldError, before long work, if `write` would refuse what is asked for."""
     points = output.suffix.lower() == ".ply"
     if mesh and not points:
-        raise LightFieldError(f"{output}: holds no meshes; expected the ending .ply; choose it")
+        raise LightFieldError(f"{output}: cannot hold a mesh; expected a name ending in .ply; rename it")
     if lf.camera is None and (quantity == "depth" or points):
         raise LightFieldError(
-            f"{output}: the camera is unknown; expected it for metres; give --baseline-mm, --focal-mm, "
+            f"{output}: the camera is unknown, but metres need it; give --baseline-mm, --focal-mm, "
             "--sensor-mm and --focus-m"
         )

@@ -39,8 +39,8 @@ def bench(
 ) -> int:
     """Compare methods over scenes: tables in JSON, CSV and Markdown, and a report in one HTML file.
 
-    What is done is remembered in the output folder: after a break, the same command goes on where it stopped.
-    A scene or method that fails is named, and the rest goes on. For example:
+    Finished runs are kept in the output folder: if interrupted, rerun the same command and it resumes. A
+    scene or method that fails is reported, and the rest continues. For example:
 
         lfdepth bench path/to/cotton path/to/dino -o compared
         lfdepth bench suite --methods fbs-sfa fbsocc-sfa:step=0.02,skip=7 -o compared
@@ -50,26 +50,27 @@ def bench(
     Parameters
     ----------
     scenes
-        Light fields with truth, names of procedural scenes ("lfdepth scenes list"), or "suite" for all those.
+        Light fields with truth, names of procedural scenes ("lfdepth scenes list"), or "suite" for all of
+        those.
     output
-        Folder for the tables, report.html and the runs that are remembered.
+        Folder for the tables, report.html and the finished runs.
     methods
-        Methods, with parameters as in fbsocc-sfa:step=0.02,skip=7, or all; by default lfdepth's own, and
-        those of other packages, but not those that they are compared with.
+        Methods, with parameters as in fbsocc-sfa:step=0.02,skip=7, or all. By default lfdepth's own methods
+        and those of installed packages, without the slower published methods that they are compared with.
     settings
-        Parameters as in step=0.02,skip=7; each of these sets is tried with every one of the methods.
+        Parameters as in step=0.02,skip=7; every set is run with every method.
     plan
-        TOML file with scenes, methods, settings and external, besides those given here.
+        TOML file with scenes, methods, settings and external, in addition to those given here.
     truth
-        Truth that is not beside the views, SCENE=FILE for each scene, or FILE for a single one.
+        Truth stored elsewhere than beside the views: SCENE=FILE for each scene, or FILE if there is only one.
     external
-        Folders with maps of other programs, SCENE.pfm, and run times in seconds, SCENE.txt.
+        Folders with other programs' maps, SCENE.pfm, and run times in seconds, SCENE.txt.
     compare
-        Two methods for the pictures of the difference of their errors: blue where A is better.
+        Two methods to compare pixel by pixel; in the pictures, blue means A is better.
     published
-        Put published rows beside the measured ones.
+        Show published results beside the measured ones.
     threads
-        Number of threads; every processor by default.
+        Number of threads; one per processor by default.
     """
     from lfdepth.bench.plan import Plan, cross, parameters, read_plan, setting, with_truth
     from lfdepth.bench.run import bench as run_bench
@@ -110,10 +111,10 @@ def reproduce(
     threads: int | None = None,
     as_json: Json = False,
 ) -> int:
-    """Redo the paper's experiments: table1, figure2, figure4, figure5, figure6, figure7, figure8, runtime.
+    """Reproduce the paper's experiments: table1, figure2, figure4 to figure8, runtime.
 
-    They run on what there is of the paper's data; what is missing is listed with where to get it. Without any
-    data, procedural scenes stand in. For example:
+    They run on whatever part of the paper's data is available; the rest is listed with where to get it.
+    Without any data, procedural scenes are used instead. For example:
 
         lfdepth reproduce -o reproduced
         lfdepth reproduce table1 figure7 --data path/to/benchmark -o reproduced
@@ -121,18 +122,18 @@ def reproduce(
     Parameters
     ----------
     experiments
-        Which of them; all by default.
+        Experiments to run; all by default.
     output
         Folder for pictures and tables; index.md lists them.
     data
         Folder with scenes of the 4D Light Field Benchmark, each in a folder of its name, and Lytro pictures
         named *eslf*.png, at most two levels down.
     external
-        Folders with maps of other programs for table1 and figure6: SCENE.pfm, and run times in SCENE.txt.
+        Folders with other programs' maps for table1 and figure6: SCENE.pfm, and run times in SCENE.txt.
     real_range
         Smallest and largest disparity of Lytro pictures, px per view step.
     threads
-        Number of threads; every processor by default. Run times are taken on one thread, as in the paper.
+        Number of threads; one per processor by default. Run times are taken on one thread, as in the paper.
     """
     from lfdepth.cli.progress import Progress
     from lfdepth.paper.experiments import reproduce as run_experiments
@@ -172,8 +173,8 @@ def submit(
 ) -> int:
     """Make a submission to the 4D Light Field Benchmark, or check one.
 
-    Runs the benchmark's twelve scenes with one parameter set; writes, checks and zips maps and run times. For
-    example:
+    Runs the benchmark's twelve scenes with one parameter set, then writes, checks and zips the maps and run
+    times. For example:
 
         lfdepth submit path/to/benchmark -o submission --method fbsocc-sfa:step=0.02
         lfdepth submit --check submission.zip
@@ -187,11 +188,11 @@ def submit(
     method
         Method, with parameters as in fbsocc-sfa:step=0.02,skip=7.
     partial
-        Make the zip although some scenes are absent or failed.
+        Make the zip even if scenes are missing or failed.
     check
-        Only check this zip, one's own or someone else's.
+        Only check this zip file.
     threads
-        Number of threads; every processor by default.
+        Number of threads; one per processor by default.
     """
     from lfdepth.bench.submission import check_submission
     from lfdepth.bench.submission import submit as run_submit
@@ -202,11 +203,11 @@ def submit(
         report({"zip": str(check), "problems": problems}, as_json, lambda _: _verdict(check, problems))
         return _status(problems)
     if data is None or output is None:
-        raise LightFieldError("submit: expected DATA and -o OUTPUT, or --check ZIP; give them")
+        raise LightFieldError("submit: expected DATA and -o OUTPUT, or --check ZIP; give one or the other")
     with Progress() as progress:
         made = run_submit(data, output, method, partial=partial, threads=threads, progress=progress.step)
     facts = {"zip": made.zip and str(made.zip), "scenes": made.scenes, "problems": made.problems}
-    report(facts, as_json, lambda _: f"written  {made.zip}" if made.zip else "no zip was made")
+    report(facts, as_json, lambda _: f"written  {made.zip}" if made.zip else "no zip written")
     return _status(made.problems)
 
 
@@ -239,7 +240,7 @@ def render(
     noise: float | None = None,
     as_json: Json = False,
 ) -> None:
-    """Write scenes as folders in the benchmark's layout: views, parameters.cfg, truth at two sizes, masks.
+    """Render scenes into folders in the benchmark's layout: views, parameters.cfg, truth at two sizes, masks.
 
     For example:
 
@@ -250,28 +251,28 @@ def render(
     Parameters
     ----------
     names
-        Names of scenes, or "all" for all but the path-traced ones, which need the extra "render" and take
-        minutes; how long is said before they start.
+        Names of scenes, or "all" for all but the path-traced ones. Those need the extra "render" and take
+        minutes; the expected time is printed first.
     output
-        Folder for the scenes' folders; made if it is missing.
+        Folder in which each scene gets its own folder; created if missing.
     size
         Side of the views, px.
     views
-        Number of views.
+        Grid of views; 5 means 5x5.
     samples
-        A pixel is the mean over SAMPLES² points; in path-traced scenes over (SAMPLES + 1)² paths, whose noise
-        is about 4 grey levels at 3 samples and 2 at 5.
+        Each pixel averages SAMPLES² points. Path-traced scenes average (SAMPLES + 1)² paths per pixel, which
+        leaves noise of about 4 grey levels at 3 samples and 2 at 5.
     seed
-        Number that chance starts from.
+        Random seed.
     noise
-        Standard deviation of the sensor's noise at mid grey, grey levels of 255; the scene's own by default.
+        Standard deviation of the sensor noise at mid grey, in grey levels of 255; the scene's own by default.
     """
     from lfdepth import scenes
     from lfdepth.cli.progress import Progress
     from lfdepth.io.atomic import make_folder
 
     if not names:
-        raise LightFieldError('scenes render: no name given; expected names of scenes or "all"; give one')
+        raise LightFieldError('scenes render: no scene named; expected names of scenes or "all"; give one')
     several = (scenes.NAMES if name == "all" else (name,) for name in names)
     chosen = list(dict.fromkeys(chain.from_iterable(several)))
     for each in chosen:

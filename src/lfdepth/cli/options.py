@@ -29,7 +29,7 @@ Json = Annotated[
         name="--json",
         negative=(),
         show_default=False,
-        help="Print one JSON object, and nothing else, on standard output.",
+        help="Print a single JSON object on standard output, and nothing else.",
     ),
 ]
 Output = Annotated[Path, Parameter(alias="-o")]
@@ -51,7 +51,7 @@ def method_parameters(name: str) -> tuple[Any, Any]:
     )
     group = Group(
         f"Parameters of {name}",
-        help="Those of another method: lfdepth estimate --method NAME --help.",
+        help="For another method's parameters: lfdepth estimate --method NAME --help.",
         sort_key=2,
     )
     return Annotated[options, Parameter(name="*", group=group)], options()
@@ -99,11 +99,11 @@ def given(options: Any) -> dict[str, Any]:
 
 
 def _grid(_: Any, tokens: Sequence[Token]) -> tuple[int, int]:
-    """(V, U) from COLUMNSxROWS, as people write it."""
-    match = re.fullmatch(r"(\d+)x(\d+)", tokens[0].value)
+    """(V, U) from COLUMNSxROWS, as people write it; one number is a square grid."""
+    match = re.fullmatch(r"(\d+)(?:x(\d+))?", tokens[0].value)
     if not match:
-        raise ValueError(f"found {tokens[0].value!r}, expected COLUMNSxROWS such as 9x9")
-    return int(match[2]), int(match[1])
+        raise ValueError(f"found {tokens[0].value!r}, expected COLUMNSxROWS such as 9x7, or 9 for 9x9")
+    return int(match[2] or match[1]), int(match[1])
 
 
 _GRID = Parameter(converter=_grid, n_tokens=1, metavar="COLUMNSxROWS")
@@ -119,20 +119,20 @@ class Reading:
     Attributes
     ----------
     format
-        Format of the scene, where looking at it is not enough: benchmark, folder, eslf, hdf5, mat, mosaic,
-        npy, npz, quilt, tiff, zarr.
+        Format of the scene, if it is not recognised: benchmark, folder, eslf, hdf5, mat, mosaic, npy, npz,
+        quilt, tiff, zarr.
     grid
-        Grid of views as they are stored, where files only number them.
+        Grid of views as stored, if the files only carry a running number; 9 means 9x9.
     partial
-        Some views are absent on purpose.
+        Accept a grid with missing views.
     pattern
-        Which pictures of a folder are views, such as `shot*.png` or `*/000.png`.
+        Which pictures in a folder are views, such as `shot*.png` or `*/000.png`.
     axes
-        Order of the axes of an array, such as VUHWC or WHUV, where its lengths do not tell.
+        Order of an array's axes, such as VUHWC or WHUV, if their lengths leave it open.
     views
-        Use only this many views, around the reference view.
+        Use only this many views, around the reference view; 3 means 3x3.
     crop
-        Use only this window of every view, px.
+        Use only this window of each view, px.
     scale
         Shrink views by this factor, above 0 and at most 1; disparities shrink with them.
     transpose
@@ -142,22 +142,21 @@ class Reading:
     flip_v
         Reverse the rows of the grid of views.
     serpentine
-        Every second row of views, as they are stored, runs back.
+        Every second row of views, as stored, runs backwards.
     white_level
-        Value of white among the samples, such as 4095 for 12 bits in a 16-bit file; by default what the
-        file or
-        its samples tell.
+        Sample value of white, such as 4095 for 12 bits in a 16-bit file; by default taken from the file or
+        estimated from its samples.
     positions
-        Table of camera positions, CSV with v,u,y,x for each view.
+        Table of camera positions: CSV with v,u,y,x for each view.
     truth
         Disparity of the reference view, px per view step: .pfm, .npy, .npz, .tif, .exr, .zarr, .mat, .h5 or
         .png.
     truth_scale
-        The truth is offset + scale · value.
+        Disparity per unit of the truth's samples: disparity = offset + scale · sample.
     truth_offset
-        See --truth-scale.
+        Disparity of sample 0; see --truth-scale.
     truth_variable
-        Name of the truth in a file of several arrays.
+        Name of the truth in a file with several arrays.
     baseline_mm
         Distance between neighbouring views, mm.
     focal_mm
@@ -212,7 +211,7 @@ class Reading:
         """Raise LightFieldError if a range would be looked for in views whose order is wrong."""
         if lf.disparity_range is None and (found := self.check_order(lf)).wrong:
             raise LightFieldError(
-                f"{lf.name}: {found.message}; or give --range MIN MAX, and they are taken as they are"
+                f"{lf.name}: {found.message}; or give --range MIN MAX to use them in this order anyway"
             )
 
     @property
@@ -243,12 +242,12 @@ class MapSource:
     Attributes
     ----------
     map
-        Disparity map, such as "lfdepth estimate" writes; without it, one is estimated.
+        Disparity map, such as "lfdepth estimate" writes; estimated if left out.
     method
-        Name of the method that estimates it; "lfdepth methods" lists them.
+        Method for the estimate; "lfdepth methods" lists them.
     range
-        Smallest and largest disparity that the estimate searches, px per view step; by default the scene's
-        own, or if it has none the one that is found in its views.
+        Smallest and largest disparity to search, px per view step; by default the scene's own or, if it has
+        none, estimated from the views.
     """
 
     map: Path | None = None
@@ -258,9 +257,7 @@ class MapSource:
     def __post_init__(self) -> None:
         if self.map is not None and (self.method is not None or self.range is not None):
             option = "--range" if self.method is None else "--method"
-            raise LightFieldError(
-                f"{option}: found with --map, from which nothing is estimated; leave one out"
-            )
+            raise LightFieldError(f"{option}: found with --map, so nothing is estimated; leave one out")
         if self.method is not None:
             methods.method(self.method)
 
@@ -295,5 +292,5 @@ def check_picture(path: Path, *, apart_from: Path | None = None) -> None:
     if path.suffix.lower() != ".png":
         raise LightFieldError(f"{path}: pictures are PNG files; expected a name ending in .png; rename it")
     if apart_from is not None and path.resolve() == apart_from.resolve():
-        raise LightFieldError(f"{path}: is the map as well; expected two different files; rename one")
+        raise LightFieldError(f"{path}: is also the map's file; expected two different files; rename one")
     check_target(path)

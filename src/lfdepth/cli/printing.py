@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 Facts = dict[str, Any]
 
-_FOUND = "found in the views"
+_FOUND = "estimated from the views"
 
 
 def report(facts: Facts, as_json: bool, text: Callable[[Facts], str]) -> None:
@@ -65,12 +65,12 @@ def estimate_facts(lf: LightField, result: Result, progress: Progress, written: 
 def estimate_text(facts: Facts) -> str:
     """What an estimate did, in words."""
     found = f" ({_FOUND})" if facts["range_found"] else ""
-    compilation = " (with compilation, first run only)" if facts["compiled"] else ""
+    compilation = " (including compilation, first run only)" if facts["compiled"] else ""
     return _aligned(
         {
             "scene": f"{facts['scene']}, {_shape_text(facts['shape'])}",
             "method": facts["method"]["name"],
-            "brightness": facts["brightness"]["message"] if facts["brightness"] else "as it is",
+            "brightness": facts["brightness"]["message"] if facts["brightness"] else "unchanged",
             "range": f"{_range_text(facts['range'])}{found}, {facts['planes']} planes",
             "time": f"{facts['runtime_s']:.2f} s, {facts['ms_per_plane']:.1f} ms per plane{compilation}",
             "written": ", ".join(facts["written"]),
@@ -206,17 +206,17 @@ def _truth_range(lf: LightField) -> list[float] | None:
 def _truth_text(ends: Sequence[float] | None, share: float | None) -> str:
     if not ends:
         return "none"
-    return _range_text(ends) + ("" if share == 1 else f", at {100 * (share or 0):.3g} % of the pixels")
+    return _range_text(ends) + ("" if share == 1 else f", for {100 * (share or 0):.3g} % of the pixels")
 
 
 def _positions_line(off_grid: float | None) -> dict[str, str]:
     if off_grid is None:
         return {}
-    return {"cameras": f"up to {100 * off_grid:.2g} % of a view step off the regular grid"}
+    return {"cameras": f"off the regular grid by up to {100 * off_grid:.2g} % of a view step"}
 
 
 def _white_text(level: float | None) -> str:
-    return "full scale" if level is None else f"at {level:g} in the file"
+    return "full scale" if level is None else f"{level:g} in the file"
 
 
 def _geometry_text(aspect: float | None, off_grid: float | None) -> str:
@@ -227,12 +227,12 @@ def _geometry_text(aspect: float | None, off_grid: float | None) -> str:
         return "not checked"
     words = []
     if aspect is None:
-        words.append("ratio of steps not measured, rows and columns of views share too little")
+        words.append("aspect not measured: rows and columns of views have too little in common")
     elif abs(aspect - 1) > NOTABLE_ASPECT:
-        words.append(f"vertical steps {aspect:.2f} of the horizontal ones, use --aspect {aspect:.2f}")
+        words.append(f"vertical step is {aspect:.2f} of the horizontal step, use --aspect {aspect:.2f}")
     if off_grid > NOTABLE_POSITIONS:
-        words.append(f"views {100 * off_grid:.0f} % of a step off their places, use --refine-positions")
-    return "; ".join(words) or "steps are equal, views stand in their places"
+        words.append(f"views are off the grid by {100 * off_grid:.0f} % of a step, use --refine-positions")
+    return "; ".join(words) or "regular grid, equal steps"
 
 
 def _remark_lines(remarks: Sequence[str]) -> dict[str, str]:
@@ -308,7 +308,7 @@ def refocus_facts(
 def refocus_text(facts: Facts) -> str:
     """What was focused on, in words."""
     left_out, plane = facts["without_foreground"], facts["disparity"]
-    without = "" if left_out is None else f", without what is nearer than {left_out:g}"
+    without = "" if left_out is None else f", without anything nearer than {left_out:g}"
     focus = "everywhere" if facts["all_in_focus"] else f"{plane:g} px per view step{without}"
     return _aligned({"scene": facts["scene"], "focus": focus, "written": ", ".join(facts["written"])})
 
