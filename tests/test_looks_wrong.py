@@ -23,7 +23,7 @@ OTHERS = (
     "views are in order",
     "use …",
     "leave out …",
-    "… or if near and far come out swapped …",
+    "…, or, if near and far come out swapped, …",
     "…",
     "limit",
     "the range, ",
@@ -65,7 +65,7 @@ def test_there_are_messages() -> None:
 
 @pytest.mark.parametrize("message", MESSAGES)
 def test_every_warning_is_on_the_page(message: str) -> None:
-    if message.startswith("…, or if near and far"):
+    if message.startswith("…, or, if near and far"):
         return  # a second piece of advice within one
     assert any(message.startswith(heading) for heading in HEADINGS), message
 

@@ -154,13 +154,13 @@ def test_without_occlusions_the_sign_is_undecided() -> None:
     assert orientation.order_decided
     assert not orientation.sign_decided
     assert not orientation.wrong
-    assert orientation.message.endswith("if near and far come out swapped use --flip-v --flip-u")
+    assert orientation.message.endswith("if near and far come out swapped, use --flip-v --flip-u")
 
 
 def test_without_occlusions_rows_and_columns_are_still_compared() -> None:
     orientation = check_orientation(disordered(wall(1.5), Reordering(flip_u=True)))
     assert orientation.wrong
-    assert orientation.message.endswith("; use --flip-u, or if near and far come out swapped use --flip-v")
+    assert orientation.message.endswith("; use --flip-u, or, if near and far come out swapped, use --flip-v")
 
 
 def test_a_wall_at_zero_disparity_shows_no_order() -> None:
@@ -271,5 +271,5 @@ def test_nothing_is_advised_that_would_not_help(name: str, grid: tuple[int, int]
     got = check_orientation(LightField(np.ascontiguousarray(lf.views.reshape(*grid, *lf.shape[2:]))))
     assert not got.order_decided
     assert not got.wrong
-    assert "in no order do the views agree" in got.message
+    assert "the views agree with one another in no order" in got.message
     assert "--flip" not in got.message

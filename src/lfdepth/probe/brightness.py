@@ -81,6 +81,14 @@ class Equalisation:
         Whether the differences are worth mending.
     power : float
         How shading falls: 1 as a polynomial does, −2 as cos⁴ of the angle does, 1000 as an exponential does.
+
+    Examples
+    --------
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> found = lfdepth.measure_brightness(scenes.render("bars", size=64, views=5))
+    >>> found.needed, found.gain.shape
+    (False, (5, 5, 3))
     """
 
     gain: Array
@@ -110,9 +118,9 @@ class Equalisation:
     def message(self) -> str:
         """What was found, in one line."""
         if not self.samples:
-            return "not measured, no texture by which to tell"
+            return "not measured: too little texture"
         left_out = int(self.left_out.sum())
-        dark = f"{left_out} dark or foreign views left out" if left_out else ""
+        dark = f"{left_out} dark or foreign views ignored" if left_out else ""
         if not self.needed:
             return "; ".join(filter(None, ["the same in all views", dark]))
         kept = ~self.left_out & (self.effect > 0)
@@ -125,7 +133,7 @@ class Equalisation:
         if self.shading.any():
             corners = _shaded(self.shading[..., [2, 4]].sum(axis=-1), self.power)
             parts.append(f"shading, corners at {100 * float(np.median(corners)):.0f} %")
-        return "; ".join(filter(None, [f"differs between views ({', '.join(parts)}), made equal", dark]))
+        return "; ".join(filter(None, [f"differs between views ({', '.join(parts)}), equalised", dark]))
 
 
 def equalise(lf: LightField, found: Equalisation) -> LightField:
@@ -143,6 +151,22 @@ def equalise(lf: LightField, found: Equalisation) -> LightField:
     LightField
         The very same where nothing has to be changed. Otherwise views of 8 bits become views of 16, so that
         rounding adds no steps; views left out are absent.
+
+    Examples
+    --------
+    One view is darker than the others; afterwards it is not:
+
+    >>> from dataclasses import replace
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> lf = scenes.render("bars", size=64, views=5)
+    >>> views = lf.views.copy()
+    >>> views[0, 0] = (0.7 * views[0, 0]).astype(views.dtype)
+    >>> dark = replace(lf, views=views)
+    >>> even = lfdepth.equalise(dark, lfdepth.measure_brightness(dark))
+    >>> ratio = (even.views[0, 0].mean() / even.full_scale) / (lf.views[0, 0].mean() / lf.full_scale)
+    >>> round(float(ratio), 1)
+    1.0
     """
     if found.left_out.any():
         there = np.ones(lf.shape[:2], np.bool_) if lf.present is None else lf.present
@@ -194,6 +218,13 @@ def measure_brightness(
     Returns
     -------
     Equalisation
+
+    Examples
+    --------
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> lfdepth.measure_brightness(scenes.render("bars", size=64, views=5)).message
+    'the same in all views'
     """
     if min(lf.height, lf.width) < _SMALLEST:
         return _unknown(lf)

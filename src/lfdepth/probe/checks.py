@@ -182,13 +182,13 @@ def _warnings(found: Checks, range: tuple[float, float], range_found: bool) -> l
         words.append(ends)
     if found.order_wrong:
         words.append(
-            "views are not in the expected order, top to bottom and left to right; let lfdepth info "
-            "(lfdepth.check_orientation in Python) say what puts them in order"
+            "views are not in the expected order, top to bottom and left to right; run lfdepth info "
+            "(lfdepth.check_orientation in Python) to see which options fix it"
         )
     elif found.in_place < LEAST_IN_PLACE:
         words.append(
-            "many views show something else than the map says; check the order of the views, whether every "
-            "second row runs back (--serpentine), and the number of rows and columns (lfdepth info)"
+            "many views contradict the map; check the order of the views, whether every second row runs "
+            "backwards (--serpentine), and the number of rows and columns (lfdepth info)"
         )
     words += _measured(found)
     if MOST_AT_ENDS < found.at_ends <= _BESIDE:
@@ -196,9 +196,9 @@ def _warnings(found: Checks, range: tuple[float, float], range_found: bool) -> l
     if found.disagreeing > MOST_DISAGREEING:
         causes = "" if range_found else "the range, "
         words.append(
-            f"at {100 * found.disagreeing:.0f} % of the textured points most views show something else than "
-            f"the map says; check {causes}the order of the views and the number of rows and columns "
-            "(lfdepth info), brightness and white level"
+            f"most views contradict the map at {100 * found.disagreeing:.0f} % of the textured points; check "
+            f"{causes}the order of the views, the number of rows and columns (lfdepth info), brightness and "
+            "white level"
         )
     return words
 
@@ -213,12 +213,12 @@ def _measured(found: Checks) -> list[str]:
         )
     if found.aspect is not None and abs(found.aspect - 1) > NOTABLE_ASPECT:
         words.append(
-            f"vertical steps of the views are {found.aspect:.2f} of the horizontal ones; use "
+            f"the vertical step between views is {found.aspect:.2f} of the horizontal step; use "
             f"--aspect {found.aspect:.2f} (lfdepth.with_aspect in Python)"
         )
     if found.off_grid > NOTABLE_POSITIONS and found.disagreeing < _GOOD_MAP:
         words.append(
-            f"views stand {100 * found.off_grid:.0f} % of a step off their places; use --refine-positions "
-            "(lfdepth.refine_positions in Python)"
+            f"views are off the regular grid by {100 * found.off_grid:.0f} % of a step; use "
+            "--refine-positions (lfdepth.refine_positions in Python)"
         )
     return words

@@ -51,14 +51,24 @@ def with_aspect(lf: LightField, aspect: float) -> LightField:
     ------
     LightFieldError
         If the ratio is not positive, or positions of the views are known already.
+
+    Examples
+    --------
+    Rows of cameras 8 mm apart, columns 10 mm apart:
+
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> lf = lfdepth.with_aspect(scenes.render("bars", size=64, views=5), 8 / 10)
+    >>> lf.offsets[:, 0, 0]
+    array([-1.6, -0.8,  0. ,  0.8,  1.6])
     """
     if not 0.05 <= aspect <= 20:
         raise LightFieldError(
-            f"aspect: found {aspect:g}, expected vertical over horizontal steps of the views, 0.05 to 20"
+            f"aspect: found {aspect:g}, expected the vertical step divided by the horizontal one, 0.05 to 20"
         )
     if lf.positions is not None:
         raise LightFieldError(
-            f"{lf.name}: the positions of its views are known; expected a regular grid with an aspect; "
+            f"{lf.name}: the positions of the views are known; expected a regular grid for an aspect; "
             "leave out --aspect"
         )
     positions = np.zeros((*lf.shape[:2], 2))
@@ -240,11 +250,20 @@ def refine_positions(
     ------
     LightFieldError
         If the views do not tell where they stand.
+
+    Examples
+    --------
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> lf = scenes.render("leaves", size=96, views=5)
+    >>> refined = lfdepth.refine_positions(lf, lf.truth)
+    >>> refined.positions.shape, bool(abs(refined.positions).max() < 0.1)  # these stand on a grid
+    ((5, 5, 2), True)
     """
     moved = measure_positions(lf, disparity, threads=threads, engine=engine)
     if moved is None:
         raise LightFieldError(
-            f"{lf.name}: too little texture that moves; expected some to tell where views stand; leave out "
+            f"{lf.name}: too little texture with parallax; expected some to locate the cameras; leave out "
             "--refine-positions"
         )
     moved[lf.centre] = 0

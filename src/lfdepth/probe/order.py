@@ -165,24 +165,26 @@ class Orientation:
         if not self.order_decided:
             if self.in_place < _IN_PLACE:
                 return (
-                    "in no order do the views agree with one another; check the number of rows and columns "
+                    "the views agree with one another in no order; check the number of rows and columns "
                     "(--grid), how the views are numbered, the format (--format), and whether they all show "
-                    "one scene at one time"
+                    "the same scene at the same time"
                 )
             return (
-                "order of the views undecided, hardly anything moves with the grid in any order; check the "
-                "number of its rows and columns and how its views are numbered"
+                "order of the views undecided: hardly anything moves with the grid in any order; check the "
+                "number of rows and columns and how the views are numbered"
             )
         use, opposite = self._advice(self.reordering), self._advice(self.opposite)
         if self.wrong:
             found = f"views are not in the expected order, top to bottom and left to right; {use}"
-            return found if self.sign_decided else f"{found}, or if near and far come out swapped {opposite}"
+            return (
+                found if self.sign_decided else f"{found}, or, if near and far come out swapped, {opposite}"
+            )
         if self.sign_decided:
             return "views are in order"
         other = opposite if self.reordering == self.applied else use
         return (
-            "rows and columns of views are in order, the sign of disparity is undecided, too few surfaces "
-            f"hide each other; if near and far come out swapped {other}"
+            "rows and columns of views are in order, but the sign of disparity is undecided, because too few "
+            f"surfaces hide each other; if near and far come out swapped, {other}"
         )
 
     def _advice(self, reordering: Reordering) -> str:
@@ -219,6 +221,17 @@ def check_orientation(
     ------
     LightFieldError
         If no view in line with the reference view is present.
+
+    Examples
+    --------
+    >>> from dataclasses import replace
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> lf = scenes.render("leaves", size=96, views=5)
+    >>> lfdepth.check_orientation(lf).message
+    'views are in order'
+    >>> lfdepth.check_orientation(replace(lf, views=lf.views[:, ::-1])).reordering.options
+    '--flip-u'
     """
     with using(engine, threads=threads) as used:
         if lf.positions is None and _runs_back(lf, applied):

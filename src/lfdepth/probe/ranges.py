@@ -88,9 +88,9 @@ def find_range(
     lf
         Light field with its views in order; its own range, if it has one, is not looked at.
     limit
-        Largest |D| to look for, px per view step; by default the one at which the outermost view moves by a
-        quarter of the picture, or half of it where large surfaces lie beyond. Periodic texture is ambiguous
-        in a wide range: if nothing is found, narrower ones are tried.
+        Largest absolute disparity to look for, px per view step; by default the one at which the outermost
+        view moves by a quarter of the picture, or half of it where large surfaces lie beyond. Periodic
+        texture is ambiguous in a wide range: if nothing is found, narrower ones are tried.
     threads
         Number of threads; None takes every processor. The result does not depend on it.
     engine
@@ -105,6 +105,15 @@ def find_range(
     LightFieldError
         If the views agree on no disparity, for want of texture or because their order is wrong; if
         disparities reach the limit; or the limit is not positive.
+
+    Examples
+    --------
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> lf = scenes.render("bars", size=96, views=5)
+    >>> low, high = lfdepth.find_range(lf)
+    >>> bool(low < lf.truth.min() + 0.3), bool(high > lf.truth.max() - 0.3)
+    (True, True)
     """
     given = limit
     limit = widest(lf) if limit is None else limit
