@@ -197,7 +197,9 @@ def test_planes_beyond_what_views_were_prepared_for_are_refused(used: Engine) ->
     out, limits = (used.zeros((6, 8), np.float32) for _ in "12")
     for reach, plane in ((1.0, 1.1), (-1.0, -1.1), (0.0, 0.2), (2.0, 400.0)):
         grey, colour = used.grey_views(lf, reach), used.colour_views(lf, reach)
-        with pytest.raises(LightFieldError, match=r"^disparity: found a plane at .* prepare them for more"):
+        with pytest.raises(
+            LightFieldError, match=r"^disparity: found a plane at .* prepare them for a larger range"
+        ):
             used.vote(grey, plane, out, out)
         with pytest.raises(LightFieldError, match=r"^disparity: found a plane at"):
             used.signs(grey, plane, gradient="central")

@@ -97,7 +97,7 @@ def test_views_out_of_line_are_looked_for_where_they_stand() -> None:
 def test_spo_needs_a_view_in_line() -> None:
     present = np.zeros((3, 3), np.bool_)
     present[1, 1] = present[0, 0] = True
-    with pytest.raises(LightFieldError, match="found no view in line with the reference view; expected one"):
+    with pytest.raises(LightFieldError, match="no view is in line with the reference view; expected one"):
         found(field(4, grid=(3, 3), present=present), "spo")
 
 

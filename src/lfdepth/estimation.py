@@ -73,6 +73,17 @@ def estimate(
     LightFieldError
         For an unknown method, engine or parameter, input the method cannot work with, or an estimate that
         would not fit in memory.
+
+    Examples
+    --------
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> lf = scenes.render("bars", size=64, views=5)
+    >>> result = lfdepth.estimate(lf, effort="fast")
+    >>> result.disparity.shape
+    (64, 64)
+    >>> lfdepth.estimate(lf, "fbs-sfa", step=0.1, range=(-1.6, 2)).planes
+    37
     """
     started = time.perf_counter()
     chosen = named_method(method, **options)
@@ -112,7 +123,6 @@ def _check_memory(lf: LightField, method: Method, planes: Any) -> None:
     if free is not None and needed > free:
         raise LightFieldError(
             f"{lf.name}: {method.name} with {len(planes)} planes needs {size_text(needed)} beside the views, "
-            f"{size_text(free)} are free; expected that it fits; use --crop, --scale, --views or a larger "
-            "--step, "
-            "or --force (force=True in Python) to try all the same"
+            f"{size_text(free)} are free; expected enough memory; use --crop, --scale, --views or a larger "
+            "--step, or --force (force=True in Python) to try anyway"
         )

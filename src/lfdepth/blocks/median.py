@@ -76,7 +76,7 @@ def weighted_median(
 def _check_maps(disparity: NDArray[Any], guide: NDArray[Any], weight: NDArray[Any] | None) -> None:
     if disparity.ndim != 2 or not np.isfinite(disparity).all():
         found = f"shape {disparity.shape}" if disparity.ndim != 2 else "NaN or infinite values"
-        raise LightFieldError(f"disparity: found {found}, expected a finite map (H, W); repair it")
+        raise LightFieldError(f"disparity: found {found}, expected a finite map (H, W); fill the gaps")
     if guide.ndim != 3 or guide.shape[:2] != disparity.shape or not np.isfinite(guide).all():
         raise LightFieldError(
             f"guide: found shape {guide.shape}, expected finite (H, W, C) of the disparity's size "

@@ -97,8 +97,8 @@ def epis(lf: LightField, walks: Sequence[tuple[int, int]], bins: int, engine: En
         found.append(Epi(engine.upload(pictures), walk, steps, offsets - steps[:, None] * along))
     if not found:
         raise LightFieldError(
-            f"{lf.name}: found no view in line with the reference view; expected one beside, above or below "
-            "it; choose another grid, or a method that uses all views"
+            f"{lf.name}: no view is in line with the reference view; expected one beside, above or below it; "
+            "choose another grid, or a method that uses all views"
         )
     return found
 

@@ -81,7 +81,7 @@ def local_thresholds(
     if not (0 <= slope < np.inf and 0 < low <= high <= LARGEST_THRESHOLD):
         raise LightFieldError(
             f"thresholds: found slope {slope}, low {low}, high {high}, expected slope ≥ 0 "
-            f"and 0 < low ≤ high ≤ {LARGEST_THRESHOLD}; correct them"
+            f"and 0 < low ≤ high ≤ {LARGEST_THRESHOLD}; change them"
         )
     # Differences of whole levels are exact in any type that holds them.
     exact = {"uint8": np.int16, "uint16": np.int32, "float32": np.float64}

@@ -22,8 +22,8 @@ NAMES: tuple[str, ...] = tuple(_HOMES)
 """Names of the engines, the default first."""
 
 SUMMARIES = {
-    "cpu": "Compiled kernels on the processor's cores (the default).",
-    "numpy": "Plain NumPy: slow, to be read and to be compared with.",
+    "cpu": "Compiled kernels on all processor cores (the default).",
+    "numpy": "Plain NumPy: slow, written to be read and compared against.",
 }
 """One sentence about each."""
 

@@ -166,5 +166,5 @@ def check_within(disparity: float, reach: float) -> None:
     if not abs(disparity) <= reach + 1e-9:
         raise LightFieldError(
             f"disparity: found a plane at {disparity:g}, expected |D| of at most {reach:g} px per view step, "
-            "for which the views were prepared; prepare them for more"
+            "for which the views were prepared; prepare them for a larger range"
         )

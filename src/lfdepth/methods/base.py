@@ -105,6 +105,13 @@ class Method:
     ------
     LightFieldError
         For a value of another type, or out of its range.
+
+    Examples
+    --------
+    >>> import lfdepth
+    >>> chosen = lfdepth.method("fbs-vis", effort="best")
+    >>> isinstance(chosen, lfdepth.Method), chosen.name, chosen.effort
+    (True, 'fbs-vis', 'best')
     """
 
     info: ClassVar[MethodInfo]

@@ -46,7 +46,7 @@ class Cae(Method):
     sigma: Annotated[
         float,
         Real(
-            "Distance to the reference view's level over which levels count.",
+            "Spread of the weight that a level gets by its distance to the reference view's level.",
             gt=0,
             le=20,
             unit="8-bit levels",
@@ -57,9 +57,11 @@ class Cae(Method):
     epsilon: labels.GuideEpsilon = 1e-4
     regulariser: labels.Regulariser = "paths"
     smoothness: Annotated[
-        float, Real("Cost of a change by one label between neighbours alike in colour.", ge=0, le=100)
+        float, Real("Cost of a change by one label between neighbours of the same colour.", ge=0, le=100)
     ] = 2.0
-    cut: Annotated[int, Whole("Labels from which on a change costs no more.", ge=1, le=1000)] = 10
+    cut: Annotated[
+        int, Whole("Largest change that is charged; larger ones cost the same.", ge=1, le=1000, unit="labels")
+    ] = 10
     subplane: labels.Subplane = False
 
     def planes_for(self, searched: tuple[float, float], *, force: bool = False) -> NDArray[np.float64]:

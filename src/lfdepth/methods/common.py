@@ -23,32 +23,31 @@ Step = Annotated[
         gt=0,
         unit="px per view step",
         symbol="d_step",
-        without="the number of planes is given instead",
+        without="set by the number of planes",
     ),
 ]
 Planes = Annotated[
     int | None,
     Whole(
-        "Number of planes, spread evenly over the range, instead of a distance between them.",
+        "Number of planes, evenly spaced over the range; replaces the distance between planes.",
         ge=2,
         symbol="K",
-        without="the distance between planes decides",
+        without="set by the distance between planes",
     ),
 ]
 Skip = Annotated[int, Whole("Planes between a foreground mask and its use.", ge=1, unit="planes", symbol="J")]
 Delta = Annotated[
     DeltaName,
     Word(
-        "Which votes count: those of views whose level is within the threshold of the reference view's "
-        "(photo), "
-        "whose two signs agree (sign), or all (none).",
+        "Which votes count: those of views whose grey level is within the threshold of the reference view's "
+        "(photo), those whose two signs agree (sign), or all (none).",
         symbol="δ",
     ),
 ]
 Threshold = Annotated[
     float,
     Real(
-        "With photo: difference of levels up to which a view votes.",
+        "With photo: largest difference in grey level at which a view still votes.",
         gt=0,
         le=1,
         unit="full scale",
@@ -57,15 +56,16 @@ Threshold = Annotated[
 ]
 Gradient = Annotated[GradientName, Word("Spatial gradient: central differences, or 3×3 Sobel.")]
 Guide = Annotated[
-    Literal["colour", "grey"], Word("Guide of the smoothing: the reference view in colour, or grey.")
+    Literal["colour", "grey"],
+    Word("Guide of the smoothing filter: the reference view in colour, or in grey."),
 ]
 Radius = Annotated[
-    int, Whole("Radius of the guided filter for the votes of the signs.", ge=1, le=1000, unit="px")
+    int, Whole("Radius of the guided filter that smooths the sign votes.", ge=1, le=1000, unit="px")
 ]
 Epsilon = Annotated[
     float,
     Real(
-        "Regularisation of the guided filter; larger smooths across weaker edges.",
+        "Regularisation of the guided filter; larger values smooth across stronger edges.",
         gt=0,
         unit="full scale²",
         symbol="ε",
@@ -74,12 +74,11 @@ Epsilon = Annotated[
 Normalise = Annotated[
     bool,
     Switch(
-        "Smooth the sum of votes and their number apart and divide, so that pixels without evidence do not "
-        "pull "
-        "their neighbours to zero; off smooths the quotient, as the paper does."
+        "Smooth the sum of the votes and their number separately, then divide, so that pixels without "
+        "evidence do not pull their neighbours towards zero; off smooths the quotient, as the paper does."
     ),
 ]
-Subplane = Annotated[bool, Switch("Place disparities between planes, at the zero crossing.")]
+Subplane = Annotated[bool, Switch("Interpolate between planes: place the disparity at the zero crossing.")]
 
 
 def check_windows(shape: Shape, *radii: int) -> None:

@@ -45,24 +45,24 @@ class FbsVis(Method):
     guide: common.Guide = "colour"
     radius: common.Radius = 3
     photo_radius: Annotated[
-        int, Whole("Radius of the guided filter for the shares of views.", ge=1, le=1000, unit="px")
+        int, Whole("Radius of the guided filter that smooths the photo votes.", ge=1, le=1000, unit="px")
     ] = 2
     epsilon: common.Epsilon = 2e-6
     normalise: common.Normalise = True
     photo_weight: Annotated[
         float,
-        Real("Weight of the shares of views.", ge=0, le=100, unit="px per view step", symbol="λ"),
+        Real("Weight of the photo votes.", ge=0, le=100, unit="px per view step", symbol="λ"),
     ] = 1.0
     slope_penalty: Annotated[
-        float, Real("Cost of a change by one plane between neighbouring pixels.", ge=0, le=100)
+        float, Real("Cost of a change by one plane between neighbouring pixels.", ge=0, le=100, symbol="P1")
     ] = 0.3
     jump_penalty: Annotated[
-        float, Real("Cost of any larger change between neighbouring pixels.", ge=0, le=2)
+        float, Real("Cost of any larger change between neighbouring pixels.", ge=0, le=2, symbol="P2")
     ] = 2.0
     fit_radius: Annotated[
         int,
         Whole(
-            "Radius of the planes that place disparities between planes; 0: none.",
+            "Radius of the surface planes fitted to place disparities between sweep planes; 0: no fit.",
             ge=0,
             le=50,
             even=True,
@@ -72,20 +72,19 @@ class FbsVis(Method):
     visibility: Annotated[
         bool,
         Switch(
-            "Count shares a second time in the views that see each pixel, and decide depth edges; off "
-            "leaves the "
-            "map of all views."
+            "Take the photo votes a second time, only in the views that see each pixel, and decide depth "
+            "edges; off keeps the first map, from all views."
         ),
     ] = True
-    gloss: Annotated[bool, Switch("Where highlights wander over a surface, decide by high-passed views.")] = (
-        True
-    )
+    gloss: Annotated[
+        bool, Switch("Where highlights move over a surface, use high-pass filtered views instead.")
+    ] = True
     edge_passes: Annotated[
-        int, Whole("Passes over the depth edges; each moves them by at most a pixel.", ge=0, le=100)
+        int, Whole("Passes over the depth edges; each moves them by at most one pixel.", ge=0, le=100)
     ] = 3
     effort: Annotated[
         Literal["fast", "normal", "best"],
-        Word("How long to work: fast leaves out the refinement between planes, best refines twice."),
+        Word("Speed against precision: fast skips the refinement between planes, best refines twice."),
     ] = "normal"
 
     def check(self, shape: Shape) -> None:

@@ -11,23 +11,25 @@ from lfdepth.blocks.labels import Regulariser as RegulariserName
 from lfdepth.methods.base import Shape
 from lfdepth.methods.parameters import Real, Switch, Whole, Word
 
-Labels = Annotated[int, Whole("Number of labels, spread evenly over the range.", ge=3, symbol="K")]
+Labels = Annotated[int, Whole("Number of labels, evenly spaced over the range.", ge=3, symbol="K")]
 Subplane = Annotated[
     bool,
-    Switch("Place disparities between labels, by a parabola through the least cost and those beside it."),
+    Switch("Interpolate between labels: a parabola through the least cost and its two neighbours."),
 ]
 Regulariser = Annotated[
     RegulariserName,
     Word(
-        "Energy of neighbouring labels: minimised along scanlines (paths; where the original ran graph cuts "
-        "or a variational solver), or left out (none)."
+        "Smoothness term: minimised along scanlines (paths, where the original used graph cuts or a "
+        "variational solver), or left out (none)."
     ),
 ]
-GuideRadius = Annotated[int, Whole("Radius of the guided filter for the costs.", ge=1, le=1000, unit="px")]
+GuideRadius = Annotated[
+    int, Whole("Radius of the guided filter that smooths the costs.", ge=1, le=1000, unit="px")
+]
 GuideEpsilon = Annotated[
     float,
     Real(
-        "Regularisation of the guided filter, whose guide has levels from 0 to 255.",
+        "Regularisation of the guided filter, for a guide with levels from 0 to 255.",
         gt=0,
         unit="8-bit levels²",
         symbol="ε",

@@ -16,10 +16,14 @@ from lfdepth.methods import common, labels
 from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
 from lfdepth.methods.parameters import Real, Whole
 
-EdgeRadius = Annotated[int, Whole("How far around an edge views are chosen.", ge=0, le=100, unit="px")]
-Window = Annotated[int, Whole("Radius of the bilateral filter for the costs.", ge=1, le=20, unit="px")]
+EdgeRadius = Annotated[
+    int, Whole("Distance from an edge within which views are selected.", ge=0, le=100, unit="px")
+]
+Window = Annotated[
+    int, Whole("Radius of the bilateral filter that smooths the costs.", ge=1, le=20, unit="px")
+]
 SigmaColour = Annotated[
-    float, Real("Spread of the bilateral filter over colours.", gt=0, le=10, unit="full scale", symbol="σ")
+    float, Real("Spread of the bilateral filter in colour.", gt=0, le=10, unit="full scale", symbol="σ")
 ]
 
 

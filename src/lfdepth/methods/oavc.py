@@ -39,8 +39,8 @@ class Oavc(Method):
     misplaced: Annotated[
         float,
         Real(
-            "A view's threshold is how much the reference view changes where it is moved by this times the "
-            "view's offset.",
+            "A view's threshold is the change in the reference view when shifted by this times the view's "
+            "offset.",
             gt=0,
             le=10,
             unit="px per view step",
@@ -52,17 +52,17 @@ class Oavc(Method):
     largest_threshold: Annotated[
         float, Real("Upper bound of the threshold.", gt=0, le=1, unit="full scale")
     ] = 0.005
-    radius: Annotated[int, Whole("Radius of the bilateral filter of the costs.", ge=1, le=20, unit="px")] = 3
+    radius: Annotated[
+        int, Whole("Radius of the bilateral filter that smooths the costs.", ge=1, le=20, unit="px")
+    ] = 3
     sigma_colour: Annotated[
-        float, Real("Spread of the bilateral filter over colours.", gt=0, unit="full scale")
+        float, Real("Spread of the bilateral filter in colour.", gt=0, unit="full scale")
     ] = 0.1
-    sigma_space: Annotated[float, Real("Spread of the bilateral filter over distances.", gt=0, unit="px")] = (
-        3.0
-    )
+    sigma_space: Annotated[float, Real("Spread of the bilateral filter in distance.", gt=0, unit="px")] = 3.0
     median_radius: Annotated[int, Whole("Radius of the first weighted median.", ge=1, le=15, unit="px")] = 5
     second_radius: Annotated[int, Whole("Radius of the second weighted median.", ge=1, le=15, unit="px")] = 3
     median_sigma: Annotated[
-        float, Real("Spread of the weighted medians over colours.", gt=0, unit="8-bit levels", symbol="σ")
+        float, Real("Spread of the weighted medians in colour.", gt=0, unit="8-bit levels", symbol="σ")
     ] = 25.5
     subplane: labels.Subplane = False
 

@@ -50,18 +50,18 @@ class Ofsy(Method):
     stacks: Annotated[
         Literal["partial", "whole"],
         Word(
-            "Compare stacks of the views on either side (partial), or that of all views with itself (whole; "
-            "Lin et al., ICCV 2015)."
+            "Focal stacks to compare: those of the views on either side with each other (partial), or that "
+            "of all views with itself (whole; Lin et al., ICCV 2015)."
         ),
     ] = "partial"
     sigma: Annotated[
         float,
-        Real("Spread of the difference of stacks.", gt=0, le=1, unit="full scale", symbol="σ"),
+        Real("Spread of the difference between stacks.", gt=0, le=1, unit="full scale", symbol="σ"),
     ] = 0.05
     reach: Annotated[
         float,
         Real(
-            "How far before and behind a plane stacks are compared.",
+            "How far in front of and behind a plane the stacks are compared.",
             gt=0,
             le=10,
             unit="px per view step",
@@ -70,7 +70,7 @@ class Ofsy(Method):
     ] = 0.3
     regulariser: labels.Regulariser = "paths"
     surface: Annotated[
-        bool, Switch("After paths, lay a smooth surface through the map (total generalised variation).")
+        bool, Switch("After the scanline paths, fit a smooth surface (total generalised variation).")
     ] = True
     subplane: labels.Subplane = False
 

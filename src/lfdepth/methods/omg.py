@@ -37,16 +37,16 @@ class Omg(TwoGroups):
     )
 
     planes: labels.Labels = 100
-    clusters: Annotated[int, Whole("Clusters of the colours around a pixel.", ge=2, le=10, symbol="k")] = 5
+    clusters: Annotated[int, Whole("Number of colour clusters around a pixel.", ge=2, le=10, symbol="k")] = 5
     alike: Annotated[
         float,
-        Real("Clusters nearer than this are one.", ge=0, le=2, unit="full scale"),
+        Real("Clusters closer in colour than this are merged.", ge=0, le=2, unit="full scale"),
     ] = 0.05
     patch_scale: Annotated[
         float,
         Real(
-            "Largest jump of disparity for which views are chosen rightly: so many px around a pixel stand "
-            "for a view step.",
+            "Largest disparity jump for which the right views are chosen: this many px around a pixel "
+            "correspond to one view step.",
             gt=0,
             le=10,
             unit="px per view step",
@@ -54,11 +54,20 @@ class Omg(TwoGroups):
     ] = 2.0
     doubt: Annotated[
         float,
-        Real("How much less the chosen views have to cost than all views.", ge=0, le=1, unit="full scale"),
+        Real(
+            "How much lower the chosen views' cost must be than that of all views.",
+            ge=0,
+            le=1,
+            unit="full scale",
+        ),
     ] = 0.02
     occluded: Annotated[
         float,
-        Real("Variance of all views over that of the chosen ones above which a pixel is occluded.", gt=1),
+        Real(
+            "A pixel is occluded if the variance of all views exceeds that of the chosen ones by this "
+            "factor.",
+            gt=1,
+        ),
     ] = 2.0
 
     def memory(self, shape: Shape, planes: NDArray[np.float64], sample_bytes: int) -> int:

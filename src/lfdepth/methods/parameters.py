@@ -136,7 +136,7 @@ class Parameter:
             return None
         found = _converted(value, self.kind)
         if found is None or not self._holds(found):
-            raise LightFieldError(f"{self.name}: found {value!r}, expected {self.range}; choose such a value")
+            raise LightFieldError(f"{self.name}: found {value!r}, expected {self.range}; change it")
         return found
 
     def parse(self, text: str) -> Any:

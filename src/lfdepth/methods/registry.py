@@ -68,9 +68,8 @@ def method_class(name: str) -> type[Method]:
         problem = f"{type(error).__name__}: {error}"
     if problem:
         raise LightFieldError(
-            f"method {name}: {entry.value} cannot be used ({problem}); expected a Method as "
-            "docs/write-a-method.md "
-            "describes; mend or uninstall the package"
+            f"method {name}: {entry.value} cannot be used ({problem}); expected a Method as described in "
+            "docs/write-a-method.md; fix or uninstall the package"
         )
     return loaded  # type: ignore[no-any-return]
 
@@ -103,6 +102,14 @@ def method(name: str | Method = DEFAULT, **options: Any) -> Method:
     ------
     LightFieldError
         For an unknown name, preset, or parameter, or a value of another type or out of range.
+
+    Examples
+    --------
+    >>> import lfdepth
+    >>> lfdepth.method("fbs-sfa", step=0.02).parameters()["step"]
+    0.02
+    >>> lfdepth.method("fbsocc-sfa", preset="paper-synthetic").skip
+    7
     """
     chosen = name if isinstance(name, Method) else method_class(name)
     preset = options.pop("preset", None)

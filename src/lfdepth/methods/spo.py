@@ -19,17 +19,17 @@ from lfdepth.methods.parameters import Real, Whole
 Alpha = Annotated[
     float,
     Real(
-        "Square of the distance from the line at which samples of an EPI weigh most.",
+        "Squared distance from the line at which samples of an EPI weigh most.",
         gt=0,
         le=100,
         unit="px²",
         symbol="α",
     ),
 ]
-Bins = Annotated[int, Whole("Bins of the histogram of a channel.", ge=2, le=256)]
+Bins = Annotated[int, Whole("Histogram bins per channel.", ge=2, le=256)]
 Sigma = Annotated[
     float,
-    Real("How much less a direction counts in which no label stands out.", gt=0, le=100, symbol="σ"),
+    Real("How strongly a direction in which no label stands out is down-weighted.", gt=0, le=100, symbol="σ"),
 ]
 
 

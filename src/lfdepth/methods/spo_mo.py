@@ -35,10 +35,10 @@ class SpoMo(Spo):
     )
 
     edge_radius: Annotated[
-        int, Whole("How far around an edge its direction decides.", ge=0, le=100, unit="px")
+        int, Whole("Distance from an edge within which its direction counts.", ge=0, le=100, unit="px")
     ] = 3
     edge_spread: Annotated[
-        float, Real("Sine of the angle to an edge over which directions count.", gt=0, le=100)
+        float, Real("Spread of a direction's weight, over the sine of its angle to the edge.", gt=0, le=100)
     ] = 0.3
 
     def memory(self, shape: Shape, planes: NDArray[np.float64], sample_bytes: int) -> int:
