@@ -105,7 +105,7 @@ def test_what_is_put_into_the_folder_meanwhile_is_not_deleted(tmp_path: Path, re
             (folder / "file.txt").write_text("new")
             (tmp_path / "scene/letter.txt").write_text("dear")
 
-    with pytest.raises(LightFieldError, match=r"holds something else \(letter\.txt\)"):
+    with pytest.raises(LightFieldError, match=r"is a folder with other content \(letter\.txt\)"):
         meanwhile()
     assert content(tmp_path / "scene") == {**OLD, "letter.txt": "dear"}
     assert [entry.name for entry in tmp_path.iterdir()] == ["scene"]
@@ -123,7 +123,7 @@ def test_what_is_put_into_the_folder_at_the_last_moment_is_not_deleted(
         return original(first, second)
 
     monkeypatch.setattr(module, "_exchange", late)
-    with pytest.raises(LightFieldError, match=r"holds something else \(letter\.txt\)"):
+    with pytest.raises(LightFieldError, match=r"is a folder with other content \(letter\.txt\)"):
         write_folder(tmp_path / "scene", "new")
     assert content(tmp_path / "scene") == {**OLD, "letter.txt": "dear"}
 
@@ -174,9 +174,9 @@ def test_folders_that_somebody_changed_are_left_alone(tmp_path: Path, change: An
     assert foreign_entry(tmp_path / "scene") is None
     change(tmp_path / "scene")
     before = content(tmp_path / "scene")
-    with pytest.raises(LightFieldError, match="is a folder that holds something else"):
+    with pytest.raises(LightFieldError, match="is a folder with other content"):
         check_target(tmp_path / "scene", folder=True)
-    with pytest.raises(LightFieldError, match="is a folder that holds something else"):
+    with pytest.raises(LightFieldError, match="is a folder with other content"):
         write_folder(tmp_path / "scene", "new")
     assert content(tmp_path / "scene") == before
     assert [entry.name for entry in tmp_path.iterdir()] == ["scene"]
@@ -185,7 +185,7 @@ def test_folders_that_somebody_changed_are_left_alone(tmp_path: Path, change: An
 def test_a_folder_around_ours_is_not_ours(tmp_path: Path) -> None:
     (tmp_path / "scenes").mkdir()
     write_folder(tmp_path / "scenes/one", "old")
-    with pytest.raises(LightFieldError, match="is a folder that holds something else"):
+    with pytest.raises(LightFieldError, match="is a folder with other content"):
         write_folder(tmp_path / "scenes", "new")
     assert content(tmp_path / "scenes/one") == OLD
 
@@ -203,7 +203,7 @@ def test_a_map_saved_among_a_rendered_scene_stays(tmp_path: Path) -> None:
     scenes.save("wedges", tmp_path / "wedges", size=64, views=3, seed=1)  # ours alone: replaced
     write(tmp_path / "wedges/mine.pfm", MAP)
     before = (tmp_path / "wedges/mine.pfm").read_bytes()
-    with pytest.raises(LightFieldError, match=r"holds something else \(mine\.pfm\)"):
+    with pytest.raises(LightFieldError, match=r"is a folder with other content \(mine\.pfm\)"):
         scenes.save("wedges", tmp_path / "wedges", size=64, views=3)
     assert (tmp_path / "wedges/mine.pfm").read_bytes() == before
 
@@ -213,12 +213,12 @@ def test_somebody_elses_zarr_stays(tmp_path: Path) -> None:
     group = zarr.open_group(str(tmp_path / "mine.zarr"), mode="w")
     group.create_array("years_of_work", data=MAP)
     for act in (check_writable, lambda path: write(path, MAP)):
-        with pytest.raises(LightFieldError, match=r"mine\.zarr: is a folder that holds something else"):
+        with pytest.raises(LightFieldError, match=r"mine\.zarr: is a folder with other content"):
             act(tmp_path / "mine.zarr")
     for _ in range(2):  # ours alone: replaced
         write(tmp_path / "ours.zarr", MAP)
     zarr.open_group(str(tmp_path / "ours.zarr"), mode="a").create_array("years_of_work", data=MAP)
-    with pytest.raises(LightFieldError, match=r"ours\.zarr: is a folder that holds something else \(years"):
+    with pytest.raises(LightFieldError, match=r"ours\.zarr: is a folder with other content \(years"):
         write(tmp_path / "ours.zarr", MAP)
     for name in ("mine", "ours"):
         kept = zarr.open_group(str(tmp_path / f"{name}.zarr"), mode="r")["years_of_work"]

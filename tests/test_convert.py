@@ -107,7 +107,7 @@ def test_quilt(tmp_path: Path, lf: LightField, tiles: str) -> None:
 def test_benchmark_folder(tmp_path: Path, lf: LightField) -> None:
     path = tmp_path / "scene"
     if lf.views.dtype == np.float32 or lf.camera is None or lf.disparity_range is None:
-        with pytest.raises(LightFieldError, match=r"float views|unknown; expected it for parameters\.cfg"):
+        with pytest.raises(LightFieldError, match=r"float views|unknown, but parameters\.cfg needs it"):
             write(path, lf, format="benchmark")
         return
     lf = replace(lf, masks={name.replace(" ", "_"): mask for name, mask in lf.masks.items()})
@@ -224,16 +224,16 @@ def test_an_array_that_its_header_makes_larger_than_it_is(tmp_path: Path) -> Non
 def test_arguments_that_are_for_the_other_kind(tmp_path: Path) -> None:
     truth = np.zeros((8, 9), np.float32)
     for options in ({"mesh": True}, {"quantity": "depth"}, {"scene": KNOWN}):
-        with pytest.raises(LightFieldError, match="expected these with a map"):
+        with pytest.raises(LightFieldError, match="expected these only with a map"):
             write(tmp_path / "x.npz", KNOWN, **options)
-    with pytest.raises(LightFieldError, match="expected that with a light field"):
+    with pytest.raises(LightFieldError, match="expected that only with a light field"):
         write(tmp_path / "x.npz", truth, format="npz")
 
 
 @pytest.mark.parametrize(
     ("name", "options", "message"),
     [
-        ("x.jpg", {}, r"x\.jpg: unknown ending \.jpg for a light field; expected .*, or a folder"),
+        ("x.jpg", {}, r"x\.jpg: unknown extension \.jpg for a light field; expected .*, or a folder"),
         ("x", {"format": "eslf"}, r"format 'eslf': not written; expected one of folder, benchmark, npz"),
         ("x.npz", {"format": "zarr"}, r"x\.npz: ending \.npz for the format zarr; expected \.zarr; rename"),
         ("x.png", {}, r"x\.png: 5x3 views; .*--views 5x1 .* call it x_qs5x1a1\.125\.png"),
@@ -278,12 +278,12 @@ def test_folders_of_something_else_are_left_alone(tmp_path: Path) -> None:
             write(folder, KNOWN, format=format)
         (folder / "notes.txt").write_text("dear")
         for act in (check_light_field_writable, lambda path, format: write(path, KNOWN, format=format)):
-            with pytest.raises(LightFieldError, match="is a folder that holds something else"):
+            with pytest.raises(LightFieldError, match="is a folder with other content"):
                 act(folder, format)
         assert (folder / "notes.txt").read_text() == "dear"
     (tmp_path / "photos").mkdir()
     (tmp_path / "photos/view_v00_u00.png").write_bytes(b"dear")
-    with pytest.raises(LightFieldError, match="is a folder that holds something else"):
+    with pytest.raises(LightFieldError, match="is a folder with other content"):
         write(tmp_path / "photos", KNOWN)
 
 
@@ -294,7 +294,9 @@ def test_a_map_and_a_light_field_do_not_take_each_others_json(tmp_path: Path) ->
         with pytest.raises(LightFieldError, match=r"x\.json: belongs to a light field"):
             act(tmp_path / "x.png")
     write(tmp_path / "y.png", KNOWN.truth)
-    with pytest.raises(LightFieldError, match=r"y\.json: holds something else; .* what y\.npy cannot hold"):
+    with pytest.raises(
+        LightFieldError, match=r"y\.json: already holds something else, .* what y\.npy cannot hold"
+    ):
         write(tmp_path / "y.npy", KNOWN)
     np.testing.assert_allclose(read_disparity(tmp_path / "y.png"), KNOWN.truth, atol=1e-4)
     assert_same(read(tmp_path / "x.npy"), KNOWN, maps=False)
@@ -328,7 +330,7 @@ def test_mat_beyond_its_size_is_refused_before_the_work(
             '{"lfdepth": "light field", "shape": [3, 5, 8, 9, 3], "disparity_range": [2, 1]}',
             r"x\.json: garbled \(disparity_range: found \[2, 1\]",
         ),
-        ('{"lfdepth": "light field", "shape": [5, 3, 8, 9, 3]}', r"array of shape .* as the notes"),
+        ('{"lfdepth": "light field", "shape": [5, 3, 8, 9, 3]}', r"array of shape .* as stated in the notes"),
     ],
 )
 def test_garbled_notes_are_named(tmp_path: Path, text: str, message: str) -> None:

@@ -179,7 +179,7 @@ def test_time_stamps_with_a_grid(tmp_path: Path) -> None:
     for n, view in enumerate(VIEWS.reshape(25, *VIEWS.shape[2:])):
         save(tmp_path / f"IMG_{20260101_100000 + seconds[n]}.png", view)
     np.testing.assert_array_equal(read(tmp_path, grid=(5, 5)).views, VIEWS)
-    with pytest.raises(LightFieldError, match=r"25 pictures with uneven numbers.*--grid COLUMNSxROWS"):
+    with pytest.raises(LightFieldError, match=r"25 pictures with irregular numbers.*--grid COLUMNSxROWS"):
         read(tmp_path)
 
 
@@ -223,7 +223,7 @@ def test_maps_and_masks_beside_the_views(tmp_path: Path) -> None:
     np.save(tmp_path / "disparity.npy", np.zeros((12, 14)))
     lf = read(tmp_path)
     np.testing.assert_array_equal(lf.views, VIEWS)
-    assert lf.remarks == ("27 pictures were left out that are no views, such as 0_0_label.png",)
+    assert lf.remarks == ("27 pictures that are not views were ignored, such as 0_0_label.png",)
 
 
 def test_others_among_the_views_are_named_or_left_out(tmp_path: Path) -> None:
@@ -233,7 +233,7 @@ def test_others_among_the_views_are_named_or_left_out(tmp_path: Path) -> None:
         read(tmp_path)
     np.testing.assert_array_equal(read(tmp_path, pattern="shot_*_*.png").views, VIEWS)
     np.testing.assert_array_equal(read(tmp_path, grid=(5, 5)).views, VIEWS)  # a count that fits decides
-    with pytest.raises(LightFieldError, match=r"none of 26 pictures is named like x\*; expected views"):
+    with pytest.raises(LightFieldError, match=r"none of 26 pictures matches x\*; expected views"):
         read(tmp_path, pattern="x*")
 
 
@@ -311,7 +311,7 @@ def test_positions_by_a_table(tmp_path: Path, swapped: bool) -> None:
     lf = read(tmp_path / "lf.npy", positions=tmp_path / "table.csv")
     assert lf.positions is not None
     np.testing.assert_allclose(lf.positions, counted_from_reference(offsets), atol=1e-9)
-    assert lf.remarks == ("by the cameras' positions, a step down is 0.667 of a step to the right",)
+    assert lf.remarks == ("according to the camera positions, a step down is 0.667 of a step to the right",)
     # They go with the views: reordered, and written and read back.
     turned = read(tmp_path / "lf.npy", positions=tmp_path / "table.csv", transpose=True, flip_u=True)
     assert turned.positions is not None
@@ -341,7 +341,7 @@ def test_a_table_beside_the_pictures(tmp_path: Path) -> None:
         ("0,7,1,2", r"view \(0, 7\); expected rows 0 to 2 and columns 0 to 4"),
         ("0,0,1,2\n0,0,1,2", r"view \(0, 0\) again"),
         ("0,0,1,2", r"14 views have no position, first view \(0, 1\)"),
-        ("\n".join(f"{v},{u},0,0" for v, u in np.ndindex(3, 5)), "do not go on from one view to the next"),
+        ("\n".join(f"{v},{u},0,0" for v, u in np.ndindex(3, 5)), "do not advance from view to view"),
     ],
 )
 def test_wrong_tables_are_named(tmp_path: Path, text: str, message: str) -> None:
@@ -355,12 +355,14 @@ def test_positions_tell_that_views_are_out_of_order(tmp_path: Path) -> None:
     lines = [f"{v},{u},{v},{u if v % 2 == 0 else 4 - u}" for v, u in np.ndindex(3, 5)]
     (tmp_path / "table.csv").write_text("\n".join(lines))
     np.save(tmp_path / "lf.npy", GREY)
-    with pytest.raises(LightFieldError, match=r"view steps .*; every second row runs back \(--serpentine"):
+    with pytest.raises(
+        LightFieldError, match=r"view steps .*; read every second row backwards \(--serpentine"
+    ):
         read(tmp_path / "lf.npy", positions=tmp_path / "table.csv")
     assert read(tmp_path / "lf.npy", positions=tmp_path / "table.csv", serpentine=True).positions is None
     lines[3], lines[7] = "0,3,1,2", "1,2,0,3"  # two views that were swapped
     (tmp_path / "table.csv").write_text("\n".join(lines))
-    with pytest.raises(LightFieldError, match=r"view steps .*; correct the order of the views, or the table"):
+    with pytest.raises(LightFieldError, match=r"view steps .*; fix the order of the views, or the table"):
         read(tmp_path / "lf.npy", positions=tmp_path / "table.csv", serpentine=True)
 
 
@@ -501,7 +503,7 @@ def test_mosaic(tmp_path: Path) -> None:
     save(tmp_path / "lenses.png", np.maximum(interleaved, 100))  # dark views count as absent there
     lf = read(tmp_path / "lenses.png", format="eslf", grid=(3, 5))
     np.testing.assert_array_equal(lf.views, np.maximum(views, 100))
-    with pytest.raises(LightFieldError, match=r"tiles\.png: a mosaic of views; .*give their columns x rows"):
+    with pytest.raises(LightFieldError, match=r"tiles\.png: a mosaic of views; .*give columns x rows"):
         read(tmp_path / "tiles.png", format="mosaic")
     with pytest.raises(LightFieldError, match="70x36 px; expected multiples of 4x3 views"):
         read(tmp_path / "tiles.png", format="mosaic", grid=(3, 4))
@@ -520,7 +522,7 @@ def test_quilt_with_pixels_left_over(tmp_path: Path, above: bool) -> None:
     save(tmp_path / "x_qs5x9a1.png", picture)
     lf = read(tmp_path / "x_qs5x9a1.png")
     np.testing.assert_array_equal(lf.views[0], views)
-    assert "no multiple of 5x9 tiles" in lf.remarks[0]
+    assert "not a multiple of 5x9 tiles" in lf.remarks[0]
 
 
 def test_quilt_of_fractional_tiles(tmp_path: Path) -> None:
@@ -674,7 +676,7 @@ def test_camera_of_the_older_benchmark(tmp_path: Path, in_widths: bool) -> None:
     lf = read(tmp_path / "lf.h5")
     if not in_widths:  # 7200 px of 14 px wide pictures: none that there can be
         assert lf.camera is None
-        assert "no metres" in lf.remarks[0]
+        assert "metres is not available" in lf.remarks[0]
         return
     assert lf.camera is not None
     assert lf.camera.baseline_mm == pytest.approx(800)
@@ -714,7 +716,7 @@ def test_truth_with_gaps(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     known = 10 * 14 - 2 * 9  # the metrics drop a border of 15 px
     assert found["scores"]["badpix_0.07"] == pytest.approx(100 * 4 / known)
     assert main(["info", str(tmp_path / "lf.npz"), "--no-check"]) == 0
-    assert "at 98.9 % of the pixels" in capsys.readouterr().out
+    assert "for 98.9 % of the pixels" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("ending", ["pfm", "npy", "npz", "tif", "exr", "zarr", "mat", "h5", "png"])
@@ -757,7 +759,7 @@ def test_truth_that_cannot_be(tmp_path: Path) -> None:
         with pytest.raises(LightFieldError, match=message):
             read(tmp_path / "lf.npy", truth=tmp_path / name)
     os.mkfifo(tmp_path / "t.dat")
-    with pytest.raises(LightFieldError, match=r"unknown ending \.dat"):
+    with pytest.raises(LightFieldError, match=r"unknown extension \.dat"):
         read_truth(tmp_path / "t.dat")
 
 

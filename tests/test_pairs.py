@@ -108,7 +108,7 @@ def test_views_and_their_notes(
 def test_notes_of_other_samples_are_refused(tmp_path: Path) -> None:
     write(tmp_path / "x.npy", OLD)
     np.save(tmp_path / "x.npy", NEW.views)
-    with pytest.raises(LightFieldError, match=r"x\.json: about other samples than those in x\.npy"):
+    with pytest.raises(LightFieldError, match=r"x\.json: describes other samples than those in x\.npy"):
         read(tmp_path / "x.npy")
 
 

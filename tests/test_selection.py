@@ -241,7 +241,7 @@ def test_too_large_for_memory_is_named() -> None:
         raise MemoryError
 
     made = replace(source(random_views(3, 3, 4, 5, 1)), read_view=read_view, name="huge")
-    with pytest.raises(LightFieldError, match=r"huge: too large for the memory; .*read fewer views, a crop"):
+    with pytest.raises(LightFieldError, match=r"huge: does not fit in memory; .*read fewer views, a crop"):
         assemble(made, Selection())
 
 

@@ -32,7 +32,7 @@ def during(monkeypatch: pytest.MonkeyPatch, act: Callable[[], Any]) -> None:
 def test_replaced_while_it_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     write(tmp_path / name, LightField(VIEWS))
     during(monkeypatch, lambda: write(tmp_path / name, LightField(255 - VIEWS)))
-    with pytest.raises(LightFieldError, match=r"was changed while it was read; .* read it again"):
+    with pytest.raises(LightFieldError, match=r"changed while it was being read; .* read it again"):
         read(tmp_path / name)
     np.testing.assert_array_equal(read(tmp_path / name).views, 255 - VIEWS)
 
@@ -83,5 +83,5 @@ def test_maps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str) -> Non
         return original(*arguments)
 
     monkeypatch.setattr(maps, "_array", late)
-    with pytest.raises(LightFieldError, match="was changed while it was read"):
+    with pytest.raises(LightFieldError, match="changed while it was being read"):
         read_record(tmp_path / name)

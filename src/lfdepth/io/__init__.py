@@ -148,6 +148,18 @@ def read(
     LightFieldError
         If the path does not exist, is no light field, is damaged, or does not have what was selected; with
         `check`, also if its views are in another order.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> folder = tempfile.mkdtemp()
+    >>> lfdepth.write(f"{folder}/bars.npz", scenes.render("bars", size=64, views=5))
+    >>> lfdepth.read(f"{folder}/bars.npz").shape
+    (5, 5, 64, 64, 3)
+    >>> lfdepth.read(f"{folder}/bars.npz", views=(3, 3), scale=0.5).shape
+    (3, 3, 32, 32, 3)
     """
     path = Path(path)
     _check_grid(grid)
@@ -228,24 +240,39 @@ def write(
     LightFieldError
         If the ending is unknown, the format cannot hold the light field, the map is not finite, metres are
         asked for and the camera is unknown, or the file cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> folder = tempfile.mkdtemp()
+    >>> lf = scenes.render("bars", size=64, views=5)
+    >>> result = lfdepth.estimate(lf, effort="fast")
+    >>> lfdepth.write(f"{folder}/map.npz", result)  # disparity, confidence, sigma, parameters
+    >>> lfdepth.write(f"{folder}/depth.npy", result, scene=lf, quantity="depth")  # metres
+    >>> lfdepth.write(f"{folder}/views", lf)  # a folder of views
     """
     path = Path(path)
     if isinstance(result, LightField):
         if scene is not None or mesh or quantity != "disparity":
             raise LightFieldError(
-                f"{path}: a light field, with scene, quantity or mesh; expected these with a map; drop them"
+                f"{path}: a light field, with scene, quantity or mesh; expected these only with a map; leave "
+                "them out"
             )
         write_light_field(path, result, format)
         return
     if format is not None:
-        raise LightFieldError(f"{path}: a map, with a format; expected that with a light field; leave it out")
+        raise LightFieldError(
+            f"{path}: a map, with a format; expected that only with a light field; leave it out"
+        )
     record = as_record(result)
     check_ending(path, WRITABLE)
     if path.suffix.lower() == POINTS:
         write_ply(path, record, *_with_camera(scene, record.values, path), mesh=mesh)
         return
     if mesh:
-        raise LightFieldError(f"{path}: holds no meshes; expected the ending {POINTS}; choose it")
+        raise LightFieldError(f"{path}: cannot hold a mesh; expected a name ending in {POINTS}; rename it")
     if quantity == "depth":
         record = as_depth(record, _with_camera(scene, record.values, path)[1])
     write_map(path, record)
@@ -266,15 +293,15 @@ def _check_order(lf: LightField, path: Path, selection: Selection) -> None:
 def _check_grid(grid: tuple[int, int] | None) -> None:
     if grid is not None and min(grid) < 1:
         raise LightFieldError(
-            f"grid: {grid[0]} rows and {grid[1]} columns; expected at least one of each; correct it"
+            f"grid: {grid[0]} rows and {grid[1]} columns; expected at least one of each; change it"
         )
 
 
 def _checked_pattern(pattern: str | None, known: Format) -> str | None:
     if pattern is not None and known.name != "folder":
         raise LightFieldError(
-            f"pattern: given for {known.what}; expected it with a folder of views; leave it out"
-            + (", or say that it is a plain folder (format)" if known.name == "benchmark" else "")
+            f"pattern: given for {known.what}; expected it only with a folder of views; leave it out"
+            + (", or read it as a plain folder (format)" if known.name == "benchmark" else "")
         )
     return pattern
 
@@ -285,14 +312,13 @@ def _checked_axes(axes: str | None, known: Format) -> str | None:
     axes = axes.upper()
     if known.name not in _ARRAYS:
         raise LightFieldError(
-            f"axes: given for {known.what}; expected them with an array ({', '.join(_ARRAYS)}); leave "
+            f"axes: given for {known.what}; expected them only with an array ({', '.join(_ARRAYS)}); leave "
             "them out"
         )
     if "".join(sorted(axes.replace("C", "", 1))) not in ("HUVW", "HNW"):
         raise LightFieldError(
             f"axes {axes!r}: unknown; expected V and U, or N for a running number of views, H, W, and C "
-            "if there "
-            "is one, each once, such as VUHWC; correct them"
+            "if there is one, each once, such as VUHWC; change them"
         )
     return axes
 
@@ -301,12 +327,12 @@ def _with_camera(scene: LightField | None, values: npt.NDArray[Any], path: Path)
     """The scene and its camera, if they say what metres need."""
     if scene is None or scene.camera is None:
         raise LightFieldError(
-            f"{path}: the camera is unknown; expected it for metres; give the scene with its baseline_mm, "
+            f"{path}: the camera is unknown, but metres need it; give the scene with its baseline_mm, "
             "focal_length_mm, sensor_size_mm and focus_distance_m"
         )
     if scene.shape[2:4] != values.shape:
         raise LightFieldError(
             f"{scene.name}: views are {scene.width}x{scene.height} px; expected the map's "
-            f"{values.shape[1]}x{values.shape[0]}; crop and scale both alike"
+            f"{values.shape[1]}x{values.shape[0]}; apply the same crop and scale to both"
         )
     return scene, scene.camera

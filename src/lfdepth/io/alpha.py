@@ -25,8 +25,7 @@ def without_alpha(pixels: npt.NDArray[Any], what: str) -> npt.NDArray[Any]:
     if least != most or float(least) not in opaque:
         share = float(np.mean(alpha < most)) if least != most else 1.0
         raise LightFieldError(
-            f"{what}: alpha is not opaque at {100 * share:.3g} % of the pixels; expected grey or RGB, "
-            "or alpha "
-            "that is opaque everywhere; render over a background"
+            f"{what}: alpha is not opaque at {100 * share:.3g} % of the pixels; expected grey or RGB, or "
+            "alpha that is opaque everywhere; render over a background"
         )
     return pixels[..., :-1]

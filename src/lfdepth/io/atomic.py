@@ -243,8 +243,8 @@ def _check_ours(folder: Path, path: Path) -> None:
         raise LightFieldError(f"{path}: is a file; expected to write a folder; remove it or choose another")
     if found := _settled_foreign_entry(folder):
         raise LightFieldError(
-            f"{path}: is a folder that holds something else ({found}); expected an empty one, or one that "
-            "lfdepth wrote and nobody changed; choose another"
+            f"{path}: is a folder with other content ({found}); expected an empty one, or one written by "
+            "lfdepth and not changed since; choose another"
         )
 
 
@@ -270,7 +270,7 @@ def _create(path: Path, *, folder: bool = False) -> Path:
         if folder and (target.is_dir() or target.is_file()):
             _check_ours(target, path)
         elif target.is_dir():
-            raise LightFieldError(f"{path}: is a folder; expected a file name; add one")
+            raise LightFieldError(f"{path}: is a folder; expected a file; add a file name")
         elif path.exists() and not target.is_file():
             raise LightFieldError(
                 f"{path}: is a device or a pipe; expected a file that can be replaced; choose another"
@@ -344,6 +344,6 @@ def make_folder(folder: Path) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise LightFieldError(
-            f"{folder}: cannot be made ({error.strerror}); expected a writable folder; choose another"
+            f"{folder}: cannot be created ({error.strerror}); expected a writable folder; choose another"
         ) from None
     return folder

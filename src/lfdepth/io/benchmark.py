@@ -150,7 +150,7 @@ def write_benchmark(
     if lf.camera is None or lf.disparity_range is None:
         absent = "camera" if lf.camera is None else "disparity range"
         raise LightFieldError(
-            f"{path}: the {absent} is unknown; expected it for {_CONFIG}; give it, or write a plain "
+            f"{path}: the {absent} is unknown, but {_CONFIG} needs it; give it, or write a plain "
             "folder of views"
         )
     with atomic_folder(path) as folder:
@@ -235,13 +235,13 @@ def read_parameters(path: Path) -> Parameters:
         except (KeyError, ValueError):
             found = config.get(section, key, fallback="missing")
             raise LightFieldError(
-                f"{path}: [{section}] {key} is {found}; expected a number; correct it"
+                f"{path}: [{section}] {key} is {found}; expected a number; fix the entry"
             ) from None
 
     def count(section: str, key: str) -> int:
         value = number(section, key)
         if not (value > 0 and value.is_integer()):
-            raise LightFieldError(f"{path}: [{section}] {key} is {value:g}; expected a count; correct it")
+            raise LightFieldError(f"{path}: [{section}] {key} is {value:g}; expected a count; fix the entry")
         return int(value)
 
     disparity_range = number("meta", "disp_min"), number("meta", "disp_max")
@@ -286,15 +286,14 @@ def _present(
     if layout.grid not in (None, grid):
         raise LightFieldError(
             f"{path}: grid of {size(grid)} in {_CONFIG}; expected {size(layout.grid or grid)} as asked for; "
-            "leave the grid out or correct it"
+            "change the grid or leave it out"
         )
     count = grid[0] * grid[1]
     surplus = [file for number, file in files.items() if number >= count]
     if surplus:
         raise LightFieldError(
             f"{path}: {len(surplus)} surplus views, first {surplus[0].name}; expected {count} views in a "
-            "grid of "
-            f"{size(grid)}; remove them or correct num_cams_x and num_cams_y in {_CONFIG}"
+            f"grid of {size(grid)}; remove them or correct num_cams_x and num_cams_y in {_CONFIG}"
         )
     present = np.isin(np.arange(count), list(files)).reshape(grid)
     return layout.checked(present, str(path), _view_name(int(np.argmin(present))))

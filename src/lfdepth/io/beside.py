@@ -48,7 +48,7 @@ def write_with_notes(path: Path, lf: LightField, save: Callable[[Path], None]) -
     file = beside(path)
     if file.exists() and read_notes(file) is None:
         raise LightFieldError(
-            f"{file}: holds something else; expected to write there what {path.name} cannot hold; choose "
+            f"{file}: already holds something else, but is needed for what {path.name} cannot hold; choose "
             "another name"
         )
     old = read_text(file) if file.exists() else None
@@ -71,7 +71,7 @@ def notes_beside(path: Path) -> Notes | None:
     Raises
     ------
     LightFieldError
-        If they are garbled, or about other samples than those in the file.
+        If they are garbled, or describe other samples than those in the file.
     """
     file = beside(path)
     notes = read_notes(file)
@@ -83,8 +83,8 @@ def notes_beside(path: Path) -> Notes | None:
     fitting = _fitting(path, text)
     if fitting is None and not _known_before(path, text):
         raise LightFieldError(
-            f"{file}: about other samples than those in {path.name}; expected the notes that were written "
-            "with it; write the light field again, or remove the notes"
+            f"{file}: describes other samples than those in {path.name}; expected the notes that were "
+            "written with it; write the light field again, or remove the notes"
         )
     return None if fitting is None else parse_notes(fitting, str(file))
 

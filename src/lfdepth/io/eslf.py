@@ -58,8 +58,8 @@ def open_eslf(path: Path, layout: Layout) -> ViewSource:
     height, width, _ = picture.shape
     if height % grid[0] or width % grid[1]:
         raise LightFieldError(
-            f"{path}: {width}x{height} px; expected multiples of {size(grid)} interleaved views; correct "
-            "the grid"
+            f"{path}: {width}x{height} px; expected multiples of {size(grid)} interleaved views; change the "
+            "grid"
         )
     return ViewSource(
         grid=grid,

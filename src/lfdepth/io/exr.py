@@ -71,7 +71,6 @@ def read_colours(path: Path) -> tuple[npt.NDArray[np.float32], str]:
                 taken = [named[name] for name in (names + "A" if "A" in named else names)]
                 return np.stack(taken, axis=-1).astype(np.float32), f"{mode}A" if "A" in named else mode
     raise LightFieldError(
-        f"{path}: channels {', '.join(sorted(channels)) or 'none'}; expected R, G and B, or Y; if it is "
-        "no view, "
-        "say which pictures are (--pattern)"
+        f"{path}: channels {', '.join(sorted(channels)) or 'none'}; expected R, G and B, or Y; if it is not "
+        "a view, select the pictures that are (--pattern)"
     )

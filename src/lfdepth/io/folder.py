@@ -128,14 +128,13 @@ def _placed(
     for name, position in zip(names, positions, strict=True):
         if position in seen:
             raise LightFieldError(
-                f"{name.file}: at the same place in the grid as {seen[position].name}; expected one "
-                "picture for "
-                "each view; move one elsewhere"
+                f"{name.file}: has the same place in the grid as {seen[position].name}; expected one picture "
+                "per view; move one elsewhere"
             )
         if position[0] >= grid[0]:
             raise LightFieldError(
-                f"{name.file}: outside the grid of {size(grid)}; expected {grid[0] * grid[1]} views; "
-                "correct the grid"
+                f"{name.file}: outside the grid of {size(grid)}; expected {grid[0] * grid[1]} views; change "
+                "the grid"
             )
         seen[position] = name.file
     return list(seen.items())

@@ -72,7 +72,7 @@ def find_format(path: Path, name: str | None) -> Format:
     if found is None:
         raise LightFieldError(
             f"{path}: not recognised as a light field; expected one of {', '.join(FORMATS)}; "
-            "check the path, or say what it is (format)"
+            "check the path, or name the format (format)"
         )
     return found
 

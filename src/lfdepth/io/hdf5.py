@@ -160,8 +160,8 @@ def _check_dataset(item: Any, path: Path) -> None:
         elsewhere += [source.file_name for source in item.virtual_sources() if source.file_name != "."]
     if elsewhere:
         raise LightFieldError(
-            f"{path}: samples of {item.name} are in another file ({elsewhere[0]}), which is not opened; "
-            "expected them in this one; if you trust it, copy them into one (h5repack)"
+            f"{path}: samples of {item.name} are stored in another file ({elsewhere[0]}), which is not "
+            "opened; expected them in this one; if you trust it, merge both (h5repack)"
         )
     stored = item.id.get_storage_size()
     limits.check_unpacked(path, item.shape, item.dtype.itemsize, stored=stored, whole=False)
@@ -234,7 +234,9 @@ def _camera(
     found = f"dH {distance:g}, focalLength {focal:g}, shift {shift:g}"
     possible = focal > 0 and shift >= 0 and width / 20 < focal_px < _MOST_WIDTHS * width
     if not (possible and 0 < baseline <= _MOST_BASELINE_M):
-        return None, (f"the file's camera ({found}) is none that there can be, and was left out: no metres",)
+        return None, (
+            f"the file's camera ({found}) is impossible and was ignored, so depth in metres is not available",
+        )
     units = "picture widths and dH the baseline times them" if in_widths else "pixels and dH the baseline"
     camera = Camera(
         focal_length_mm=focal_px * _NOMINAL_SENSOR_MM / max(size),

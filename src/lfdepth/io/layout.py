@@ -47,11 +47,11 @@ class Layout:
         if self.grid:
             raise LightFieldError(
                 f"{what}: {count} views; expected {grid[0] * grid[1]} in a grid of {size(grid)}; "
-                "correct the grid, or say that absent views are meant (partial)"
+                "change the grid, or, if views are missing on purpose, say so (partial)"
             )
         raise LightFieldError(
-            f"{what}: {count} views; expected a square number, or to be told the grid; "
-            "give its columns x rows (grid)"
+            f"{what}: {count} views; expected a square number of views, or a grid; give its columns x rows "
+            "(--grid)"
         )
 
     def checked(self, present: npt.NDArray[np.bool_], what: str, first: str) -> npt.NDArray[np.bool_] | None:
@@ -71,7 +71,7 @@ class Layout:
             return present
         raise LightFieldError(
             f"{what}: {np.count_nonzero(~present)} of {present.size} views missing, first {first}; "
-            f"expected a grid of {size(present.shape)}; add them, or say that absent views are meant "
+            f"expected a grid of {size(present.shape)}; add them, or, if they are missing on purpose, say so "
             "(partial)"
         )
 

@@ -58,8 +58,8 @@ def check_unpacked(
     if size > FREE_BYTES and size > MAX_RATIO * packed:
         raise LightFieldError(
             f"{path}: unpacks to {_amount(size)} from {_amount(packed)}; expected at most {MAX_RATIO} times "
-            "what is stored, more is a bomb or a damaged header; copy it again, or store the array "
-            "uncompressed, as NPY"
+            "what is stored, since more suggests a damaged or malicious file; copy it again, or store the "
+            "array uncompressed, as NPY"
         )
 
 
@@ -67,8 +67,7 @@ def check_grid(path: Path, grid: tuple[int, int]) -> None:
     """Raise LightFieldError if a grid of views is larger than any that there is."""
     if grid[0] * grid[1] > MAX_VIEWS:
         raise LightFieldError(
-            f"{path}: a grid of {grid[1]}x{grid[0]} views; expected at most {MAX_VIEWS}; correct the numbers "
-            "of the views"
+            f"{path}: a grid of {grid[1]}x{grid[0]} views; expected at most {MAX_VIEWS}; renumber the views"
         )
 
 
@@ -81,7 +80,7 @@ def read_text(path: Path, most: int = MOST_TEXT) -> str:
         As `Path.read_text`; OSError also for what is no regular file, or too long.
     """
     if path.exists() and not path.is_file():
-        raise OSError(f"no regular file: {path.name}")
+        raise OSError(f"not a regular file: {path.name}")
     if path.stat().st_size > most:
         raise OSError(f"more than {_amount(most)} of text")
     return path.read_bytes().decode("utf-8")
@@ -122,7 +121,7 @@ def check_inside(folder: Path, files: Iterable[Path]) -> None:
             if not Path(os.path.realpath(file)).is_relative_to(home):
                 raise LightFieldError(
                     f"{file}: is a link out of its folder; expected a file in it; if you trust it, copy the "
-                    "folder with what its links lead to (cp -rL)"
+                    "folder with the files it links to (cp -rL)"
                 )
         check_file(file)
 

@@ -133,6 +133,16 @@ def read_disparity(
     ------
     LightFieldError
         If the ending is unknown, the file is missing or damaged, or the map is not finite.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import numpy as np
+    >>> import lfdepth
+    >>> file = tempfile.mkdtemp() + "/map.pfm"
+    >>> lfdepth.write(file, np.full((48, 64), 0.25, np.float32))
+    >>> lfdepth.read_disparity(file)[0, 0]
+    np.float32(0.25)
     """
     name = variable or "disparity"
     path = Path(path)
@@ -157,6 +167,16 @@ def read_confidence(path: str | Path) -> npt.NDArray[np.float32] | None:
     ------
     LightFieldError
         If the ending is unknown, the file is missing or damaged, or its confidence is no finite map.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> file = tempfile.mkdtemp() + "/map.npz"
+    >>> lfdepth.write(file, lfdepth.estimate(scenes.render("bars", size=64, views=5), effort="fast"))
+    >>> lfdepth.read_confidence(file).shape
+    (64, 64)
     """
     path = Path(path)
     with unchanged(path):
@@ -192,7 +212,7 @@ def check_ending(path: Path, known: tuple[str, ...]) -> None:
     """Raise LightFieldError unless a path has one of the known endings."""
     if path.suffix.lower() not in known:
         raise LightFieldError(
-            f"{path}: unknown ending {path.suffix or '(none)'}; expected one of {', '.join(known)}; "
+            f"{path}: unknown extension {path.suffix or '(none)'}; expected one of {', '.join(known)}; "
             "choose one of these"
         )
 
@@ -201,7 +221,7 @@ def _check_scale_file(path: Path) -> None:
     file = scale_file(path)
     if read_notes(file) is not None:
         raise LightFieldError(
-            f"{file}: belongs to a light field; expected to write the scale of {path.name} there; choose "
+            f"{file}: belongs to a light field; expected a free name for the scale of {path.name}; choose "
             "another name"
         )
 

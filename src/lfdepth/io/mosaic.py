@@ -28,9 +28,7 @@ def open_mosaic(path: Path, layout: Layout) -> ViewSource:
         If no grid is given, or the picture does not divide into it.
     """
     if layout.grid is None:
-        raise LightFieldError(
-            f"{path}: a mosaic of views; expected to be told how many; give their columns x rows (grid)"
-        )
+        raise LightFieldError(f"{path}: a mosaic of views; expected its grid; give columns x rows (grid)")
     rows, columns = layout.grid
     picture = read_picture(path)
     height, width = picture.shape[0] // rows, picture.shape[1] // columns
@@ -38,7 +36,7 @@ def open_mosaic(path: Path, layout: Layout) -> ViewSource:
         raise LightFieldError(
             f"{path}: {picture.shape[1]}x{picture.shape[0]} px; expected multiples of "
             f"{size(layout.grid)} views; "
-            "correct the grid, or cut margins off the picture"
+            "change the grid, or crop the picture's margins"
         )
 
     def read_view(v: int, u: int) -> npt.NDArray[Any]:

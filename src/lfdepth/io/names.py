@@ -128,8 +128,8 @@ def find_views(path: Path, layout: Layout) -> Found:
         chosen = [file for file in files if fnmatch(file.relative_to(path).as_posix(), layout.pattern)]
         if not chosen:
             raise LightFieldError(
-                f"{path}: none of {len(files)} pictures is named like {layout.pattern}; expected views; "
-                "correct the pattern (--pattern, * stands for anything)"
+                f"{path}: none of {len(files)} pictures matches {layout.pattern}; expected views; change the "
+                "pattern (--pattern, * matches anything)"
             )
         files = chosen
     if not files:
@@ -163,8 +163,7 @@ def place_views(path: Path, names: Sequence[Name], layout: Layout) -> tuple[list
         return _in_order(names, layout)
     raise LightFieldError(
         f"{path}: {len(names)} pictures whose names differ in {len(fields)} numbers; expected row and "
-        "column, "
-        "or a running number; rename them, or give the grid that they fill in the order of their names "
+        "column, or a running number; rename them, or give the grid they fill, in the order of their names "
         "(--grid COLUMNSxROWS)"
     )
 
@@ -211,7 +210,7 @@ def _without_others(found: Found, layout: Layout) -> Found:
     views = [name for name in found.names if not name.is_beside] or list(found.names)
     remarks = list(found.remarks)
     if left_out := [name.file.name for name in found.names if name not in views]:
-        remarks.append(f"{len(left_out)} pictures were left out that are no views, such as {left_out[0]}")
+        remarks.append(f"{len(left_out)} pictures that are not views were ignored, such as {left_out[0]}")
     kinds: dict[object, list[Name]] = defaultdict(list)
     for name in views:
         kinds[name.kind].append(name)
@@ -220,7 +219,7 @@ def _without_others(found: Found, layout: Layout) -> Found:
         if len(fitting) != 1:
             raise _others(kinds.values())
         remarks.append(
-            f"{len(views) - len(fitting[0])} pictures were left out that are named unlike "
+            f"{len(views) - len(fitting[0])} pictures were ignored because they are not named like "
             f"{fitting[0][0].file.name}"
         )
         views = fitting[0]
@@ -236,7 +235,7 @@ def _others(kinds: Iterable[list[Name]]) -> LightFieldError:
     more = f" (so are {named}{' and others' if len(others) > 3 else ''})" if named else ""
     return LightFieldError(
         f"{others[0]}: surplus picture{more}; expected names that differ from {usual.name} only in their "
-        "numbers; move it elsewhere, say which pictures are views (--pattern "
+        "numbers; move it elsewhere, select the views (--pattern "
         f"'{_pattern_of(groups[0])}'), or "
         "give the grid if all are (--grid)"
     )
@@ -299,9 +298,9 @@ def _by_number(path: Path, names: Sequence[Name], field: int, layout: Layout) ->
         grid = (1, count) if tag in _COLUMN_TAGS else (count, 1)
     elif layout.grid is None and count > 2 * len(names):
         raise LightFieldError(
-            f"{path}: {len(names)} pictures with uneven numbers, such as times; expected row and "
-            "column, or a "
-            "running number; give the grid that they fill in the order of their names (--grid COLUMNSxROWS)"
+            f"{path}: {len(names)} pictures with irregular numbers, such as times; expected row and "
+            "column, or a running number; give the grid they fill, in the order of their names (--grid "
+            "COLUMNSxROWS)"
         )
     else:
         grid = layout.of_count(count, str(path))
@@ -320,5 +319,5 @@ def check_grid(path: Path, grid: Grid, layout: Layout) -> None:
     if layout.grid not in (None, grid):
         raise LightFieldError(
             f"{path}: names give a grid of {size(grid)}; expected {size(layout.grid or grid)} as asked for; "
-            "leave the grid out or correct it"
+            "change the grid or leave it out"
         )

@@ -196,7 +196,7 @@ def check_page(page: Any) -> None:
     packing = page.keyframe.compression
     if packing not in _TIFF_PACKING:
         raise LightFieldError(
-            f"{path}: page packed as {getattr(packing, 'name', packing)}; expected none, LZW, deflate, "
+            f"{path}: page compressed as {getattr(packing, 'name', packing)}; expected none, LZW, deflate, "
             "PackBits, LZMA or Zstandard; store it as one of these"
         )
 

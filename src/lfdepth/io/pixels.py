@@ -49,6 +49,14 @@ def write_picture(path: str | Path, picture: NDArray[Any]) -> None:
     ------
     LightFieldError
         If the path does not end in .png, or cannot be written.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> lf = scenes.render("bars", size=64, views=5)
+    >>> lfdepth.write_picture(tempfile.mkdtemp() + "/reference.png", lf.reference)
     """
     path = Path(path)
     if path.suffix.lower() != ".png":

@@ -58,7 +58,7 @@ def read_png(path: Path) -> npt.NDArray[np.float32]:
     if samples.dtype != np.uint16 or samples.shape[2] != 1:
         raise LightFieldError(
             f"{path}: {samples.dtype} picture with {samples.shape[2]} channels; expected a 16-bit grey map; "
-            "choose the map, not its preview"
+            "use the map, not its preview"
         )
     scale, offset = _read_scale(path, samples)
     return (samples[..., 0] * scale + offset).astype(np.float32)
@@ -87,8 +87,8 @@ def _read_scale(picture: Path, samples: npt.NDArray[Any]) -> tuple[float, float]
         header = json.loads((text_in(path) or "") if path == picture else read_text(path))
         if header.get(_SAMPLES, _checksum(samples)) != _checksum(samples):
             raise LightFieldError(
-                f"{path}: belongs to other samples than those of {picture.name}; expected the scale that was "
-                "written with it; write the map again"
+                f"{path}: belongs to other samples than those of {picture.name}; expected the scale written "
+                "with it; write the map again"
             )
         quantity, scale, offset = header["quantity"], float(header["scale"]), float(header["offset"])
         if quantity == "disparity" and isfinite(scale) and scale > 0 and isfinite(offset):

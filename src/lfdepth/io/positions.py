@@ -55,11 +55,11 @@ def read_positions(path: Path, grid: tuple[int, int]) -> Array:
         if not (v.is_integer() and u.is_integer() and 0 <= v < grid[0] and 0 <= u < grid[1]):
             raise LightFieldError(
                 f"{path}: line {number} is about view ({v:g}, {u:g}); expected rows 0 to {grid[0] - 1} and "
-                f"columns 0 to {grid[1] - 1} of a grid of {size(grid)}; correct the table or the grid"
+                f"columns 0 to {grid[1] - 1} of a grid of {size(grid)}; fix the table or the grid"
             )
         if not np.isnan(positions[int(v), int(u), 0]):
             raise LightFieldError(
-                f"{path}: line {number} is about view ({v:g}, {u:g}) again; expected one line for each view; "
+                f"{path}: line {number} is about view ({v:g}, {u:g}) again; expected one line per view; "
                 "remove one"
             )
         positions[int(v), int(u)] = y, x
@@ -99,15 +99,14 @@ def off_the_grid(positions: Array, present: npt.NDArray[np.bool_] | None, what: 
         v, u = np.argwhere(lacking)[0]
         raise LightFieldError(
             f"{what}: {np.count_nonzero(lacking)} views have no position, first view ({v}, {u}); "
-            "expected one "
-            "for each view; add them to the table"
+            "expected one for each view; add them to the table"
         )
     fits = [_fit(positions[..., order], there) for order in ([0, 1], [1, 0])]
     known = [fit for fit in fits if fit is not None]
     if not known:
         raise LightFieldError(
-            f"{what}: camera positions do not go on from one view to the next; expected a step along rows "
-            "and along columns; correct the positions"
+            f"{what}: camera positions do not advance from view to view; expected a step along rows and "
+            "along columns; fix the positions"
         )
     offsets = min(known, key=lambda fit: float(np.abs(fit).max()))
     offsets -= offsets[positions.shape[0] // 2, positions.shape[1] // 2]
@@ -115,9 +114,8 @@ def off_the_grid(positions: Array, present: npt.NDArray[np.bool_] | None, what: 
     furthest = float(np.abs(offsets).max())
     if furthest > _IN_PLACE:
         raise LightFieldError(
-            f"{what}: cameras stand up to {furthest:.2g} view steps from their place in the grid; "
-            "expected less "
-            f"than {_IN_PLACE:g}; {_remedy(positions, there)}"
+            f"{what}: cameras are up to {furthest:.2g} view steps away from their place in the grid; "
+            f"expected less than {_IN_PLACE:g}; {_remedy(positions, there)}"
         )
     return None if furthest < _REGULAR else offsets
 
@@ -140,8 +138,8 @@ def _remedy(positions: Array, there: npt.NDArray[np.bool_]) -> str:
     back[1::2] = back[1::2, ::-1]
     fits = [_fit(back[..., order], there) for order in ([0, 1], [1, 0])]
     if there.all() and any(fit is not None and np.abs(fit).max() < _IN_PLACE for fit in fits):
-        return "every second row runs back (--serpentine)"
-    return "correct the order of the views, or the table of positions"
+        return "read every second row backwards (--serpentine)"
+    return "fix the order of the views, or the table of positions"
 
 
 def _fit(positions: Array, there: npt.NDArray[np.bool_]) -> Array | None:
@@ -194,8 +192,7 @@ def _rows(path: Path) -> list[tuple[int, tuple[float, float, float, float]]]:
         except (ValueError, IndexError):
             raise LightFieldError(
                 f"{path}: line {number} is {','.join(row)[:60]!r}; expected four numbers v,u,y,x, "
-                "separated by "
-                "commas; correct it"
+                "separated by commas; fix the line"
             ) from None
         found.append((number, (v, u, y, x)))
     return found

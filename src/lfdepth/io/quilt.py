@@ -44,17 +44,16 @@ def open_quilt(path: Path, layout: Layout) -> ViewSource:
     tiles = layout.grid or (named and (int(named[2]), int(named[1])))
     if not tiles or 0 in tiles:
         raise LightFieldError(
-            f"{path}: name gives no tiles; expected NAME_qsCxRaA with C columns and R rows; rename it or "
-            "give C x R "
-            "(grid)"
+            f"{path}: the name states no tiles; expected NAME_qsCxRaA with C columns and R rows; rename it "
+            "or give C x R (grid)"
         )
     rows, columns = tiles
     picture = read_picture(path)
     height, width = picture.shape[0] // rows, picture.shape[1] // columns
     if 0 in (height, width):
         raise LightFieldError(
-            f"{path}: {picture.shape[1]}x{picture.shape[0]} px; expected a pixel at least for each of "
-            f"{columns}x{rows} tiles; correct the name or the grid"
+            f"{path}: {picture.shape[1]}x{picture.shape[0]} px; expected at least one pixel for each of "
+            f"{columns}x{rows} tiles; fix the name or the grid"
         )
     tops, where = _starts(picture, 0, rows)
     lefts, _ = _starts(picture, 1, columns)
@@ -64,7 +63,7 @@ def open_quilt(path: Path, layout: Layout) -> ViewSource:
         return picture[top : top + height, left : left + width]
 
     exact = picture.shape[:2] == (height * rows, width * columns)
-    remark = f"{picture.shape[1]}x{picture.shape[0]} px are no multiple of {columns}x{rows} tiles: {where}"
+    remark = f"{picture.shape[1]}x{picture.shape[0]} px are not a multiple of {columns}x{rows} tiles: {where}"
     source = ViewSource(
         grid=(1, rows * columns),
         read_view=read_view,

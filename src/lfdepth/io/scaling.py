@@ -24,9 +24,7 @@ def scaled_size(size: tuple[int, ...], scale: float, what: str = "picture") -> t
         If the scale is not in (0, 1], or leaves no pixel.
     """
     if not 0 < scale <= 1:
-        raise LightFieldError(
-            f"{what}: scale is {scale}; expected a factor above 0 and at most 1; correct it"
-        )
+        raise LightFieldError(f"{what}: scale is {scale}; expected a factor above 0 and at most 1; change it")
     width, height = (int(length * scale + 1e-9) for length in size)
     if min(width, height) < 1:
         raise LightFieldError(

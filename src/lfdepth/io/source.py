@@ -126,8 +126,8 @@ def assemble(source: ViewSource, selection: Selection) -> LightField:
         return _assemble(source, selection)
     except MemoryError:
         raise LightFieldError(
-            f"{source.name}: too large for the memory; expected a light field that fits; "
-            "read fewer views, a crop or a smaller scale (views, crop, scale)"
+            f"{source.name}: does not fit in memory; expected a smaller light field; read fewer views, a "
+            "crop or a smaller scale (views, crop, scale)"
         ) from None
     finally:
         source.close()
@@ -139,8 +139,8 @@ def _assemble(source: ViewSource, selection: Selection) -> LightField:
     reference = divmod(int(stored[stored.shape[0] // 2, stored.shape[1] // 2]), source.grid[1])
     if source.present is not None and not source.present[reference]:
         raise LightFieldError(
-            f"{source.describe(*reference)}: the reference view is absent; expected it to be there; "
-            "read other views, or another grid"
+            f"{source.describe(*reference)}: the reference view is missing; expected it to be present; read "
+            "other views, or another grid"
         )
     whole = source.read_view(*reference)
     window = _Window.of(whole, selection, source.name)
@@ -162,7 +162,7 @@ def _assemble(source: ViewSource, selection: Selection) -> LightField:
         if view.shape != whole.shape or view.dtype != whole.dtype:
             raise LightFieldError(
                 f"{source.describe(*at)}: view is {_kind(view)} but {source.describe(*reference)} is "
-                f"{_kind(whole)}; expected views of one size and kind; convert the odd ones"
+                f"{_kind(whole)}; expected views of the same size and kind; convert the odd ones"
             )
         peaks[index] = view.max(initial=0)
         views[index] = window.view(view)
@@ -216,7 +216,7 @@ def _checked_truth(
         raise LightFieldError(
             f"{what}: truth is {truth.shape[1]}x{truth.shape[0]} px; expected "
             f"{whole.shape[1]}x{whole.shape[0]} "
-            "px, the size of whole views; give that of this scene"
+            "px, the size of the whole views; give this scene's truth"
         )
     return truth
 
@@ -237,7 +237,7 @@ def _positions(
     offsets, ratio = off_the_grid(positions, present, what), step_ratio(positions, present)
     if ratio is None or abs(ratio - 1) < SAME_STEPS:
         return offsets, []
-    return offsets, [f"by the cameras' positions, a step down is {ratio:.3g} of a step to the right"]
+    return offsets, [f"according to the camera positions, a step down is {ratio:.3g} of a step to the right"]
 
 
 def _stored_positions(source: ViewSource, selection: Selection) -> npt.NDArray[np.intp]:

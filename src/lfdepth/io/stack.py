@@ -160,9 +160,8 @@ def open_stack(
     if axes is None:
         raise LightFieldError(
             f"{path}: array of shape {array.shape}; expected (V, U, H, W, C) with C = 1 or 3"
-            f"{'' if layout.axes is None else f', or what {layout.axes} says'}; reorder the axes, or "
-            "say what "
-            "they are (--axes, such as WHUVC)"
+            f"{'' if layout.axes is None else f', or what {layout.axes} says'}; reorder the axes, or name "
+            "them (--axes, such as WHUVC)"
         )
     _check_samples(array.dtype, path)
     lengths = dict(zip(axes, array.shape, strict=True))
@@ -171,7 +170,7 @@ def open_stack(
     if not numbered and layout.grid not in (None, grid):
         raise LightFieldError(
             f"{path}: a grid of {size(grid)}; expected {size(layout.grid or grid)} as asked for; "
-            "leave the grid out or correct it"
+            "change the grid or leave it out"
         )
 
     def read_part(v: int, u: int, rows: slice, columns: slice) -> npt.NDArray[Any]:
@@ -195,7 +194,7 @@ def open_stack(
 def _check_notes(shape: tuple[int, ...], notes: Notes, path: Path) -> None:
     if shape != notes.shape:
         raise LightFieldError(
-            f"{path}: array of shape {shape}; expected {notes.shape}, as the notes that belong to it say; "
+            f"{path}: array of shape {shape}; expected {notes.shape}, as stated in the notes beside it; "
             "write the light field again, or remove the notes"
         )
 
@@ -245,10 +244,10 @@ def _is_likely(axes: str, shape: tuple[int, ...], layout: Layout) -> bool:
 
 
 def _order_remark(axes: str) -> str:
+    mirrored = axes.translate(str.maketrans("HWVU", "WHUV"))
     return (
-        f"axes of the array taken for ({', '.join(axes)}), by their lengths; if the picture lies on its "
-        "side, "
-        f"say --axes {axes.translate(str.maketrans('HWVU', 'WHUV'))}"
+        f"axes of the array taken as ({', '.join(axes)}), by their lengths; if the picture lies on its side, "
+        f"use --axes {mirrored}"
     )
 
 

@@ -75,14 +75,13 @@ def open_tiff(path: Path, layout: Layout) -> ViewSource:
     try:
         if stored.pages < 2:
             raise LightFieldError(
-                f"{path}: a single page; expected a page for each view; copy it again if there were more, "
-                "or if it is an ESLF picture, a quilt or a mosaic of views, say so (format)"
+                f"{path}: a single page; expected one page per view; copy it again if there were more, or, "
+                "if it is an ESLF picture, a quilt or a mosaic of views, name the format (format)"
             )
         if stored.colours not in (1, 3):
             raise LightFieldError(
-                f"{path}: {stored.colours} channels; expected grey views, or red, green and blue; keep "
-                "one of "
-                "the channels"
+                f"{path}: {stored.colours} channels; expected grey views, or red, green and blue; keep a "
+                "single channel"
             )
         notes = _notes_in(description, path)
         axes = stored.axes if notes is None else notes.shape[:2]
@@ -193,7 +192,7 @@ def _check_order(file: Any) -> None:
     at = file.pages[0].offset
     while 0 < at < handle.size:
         if at in seen:
-            raise ValueError("its pages follow each other in a circle")
+            raise ValueError("its pages form a loop")
         seen.add(at)
         handle.seek(at)
         tags = handle.read(form.tagnosize)

@@ -57,7 +57,7 @@ def read_truth(
         values = read_disparity(path, finite=False, variable=variable)
     else:
         raise LightFieldError(
-            f"{path}: unknown ending {ending or '(none)'}; expected one of "
+            f"{path}: unknown extension {ending or '(none)'}; expected one of "
             f"{', '.join((*READABLE, *_ARRAYS))}; "
             "convert the truth"
         )
@@ -71,14 +71,12 @@ def read_truth(
 def _samples(path: Path, scale: float | None) -> npt.NDArray[Any]:
     if scale is None:
         raise LightFieldError(
-            f"{path}: a picture without a scale; expected to be told what its samples mean; give truth_scale "
+            f"{path}: a picture without a scale; expected the scale of its samples; give truth_scale "
             "(--truth-scale, disparity = offset + scale · sample)"
         )
     pixels = read_picture(path)
     if pixels.shape[2] != 1:
-        raise LightFieldError(
-            f"{path}: a colour picture; expected a grey map; choose the map, not its preview"
-        )
+        raise LightFieldError(f"{path}: a colour picture; expected a grey map; use the map, not its preview")
     return pixels[..., 0].astype(np.float64)
 
 

@@ -27,7 +27,7 @@ def unchanged(path: Path) -> Iterator[None]:
     after = _state(path)
     if changed := [name for name, state in before.items() if after.get(name) != state]:
         raise LightFieldError(
-            f"{changed[0]}: was changed while it was read; expected it to stay as it is; read it again"
+            f"{changed[0]}: changed while it was being read; expected it to stay unchanged; read it again"
         )
 
 

@@ -32,7 +32,7 @@ def check_white_level(level: float | None) -> None:
     """Raise LightFieldError unless a white level is a positive number."""
     if level is not None and not (isfinite(level) and level > 0):
         raise LightFieldError(
-            f"white level: {level:g}; expected a positive number, such as 4095 for 12 bits; correct it"
+            f"white level: {level:g}; expected a positive number, such as 4095 for 12 bits; change it"
         )
 
 
@@ -91,7 +91,7 @@ def find_white(
         return _fewest_bits(peak), "samples are whole numbers"
     bright = float(np.quantile(reference, 1 - _CLIPPED))
     white = 2.0 ** max(0, int(np.ceil(np.log2(max(bright, 1.0)))))
-    return white, "99.5 % of the reference view are not brighter"
+    return white, "99.5 % of the reference view is no brighter"
 
 
 def apply_white(views: npt.NDArray[Any], white: float) -> float:

@@ -79,8 +79,8 @@ def find_writer(path: Path, format: str | None) -> Writer:
         if not ending or path.is_dir():
             return WRITERS["folder"]
         raise LightFieldError(
-            f"{path}: unknown ending {ending} for a light field; expected one of {_endings()}, or a folder, "
-            "without ending; choose one of these, or estimate a map first"
+            f"{path}: unknown extension {ending} for a light field; expected one of {_endings()}, or a "
+            "folder, without an extension; choose one of these, or estimate a map first"
         )
     if format not in WRITERS:
         raise LightFieldError(

@@ -229,14 +229,14 @@ def _check_codec(path: Path, folder: Path, codec: dict[str, Any]) -> None:
     name = codec.get("id") or codec.get("name")
     if not isinstance(name, str) or name.removeprefix("numcodecs.") not in _CODECS:
         raise LightFieldError(
-            f"{path}: {folder.name} is packed by {str(name)[:40]}; expected one of {', '.join(_CODECS)}; "
-            "others are not run; store it as one of these"
+            f"{path}: {folder.name} is compressed by {str(name)[:40]}; expected one of {', '.join(_CODECS)}; "
+            "others are not supported; store it as one of these"
         )
     settings = codec.get("configuration") or codec
     for key in ("dtype", "astype"):
         if key in settings and not (isinstance(settings[key], str) and _NUMBERS.fullmatch(settings[key])):
             raise LightFieldError(
-                f"{path}: {folder.name} is packed as {str(settings[key])[:40]}; expected whole or real "
+                f"{path}: {folder.name} is stored as {str(settings[key])[:40]}; expected whole or real "
                 "numbers; convert them"
             )
     for inner in (*settings.get("codecs", ()), *settings.get("index_codecs", ())):
