@@ -536,7 +536,7 @@ def test_unusable_arguments_are_named_before_anything_runs(scene: LightField, tm
         bench([scene], [], tmp_path / "out", external=[tmp_path / "none"])
     assert not (tmp_path / "out").exists()
     (tmp_path / "file").touch()
-    with pytest.raises(LightFieldError, match="cannot be made"):
+    with pytest.raises(LightFieldError, match="cannot be created"):
         bench([scene], METHODS, tmp_path / "file" / "out")
 
 

@@ -82,5 +82,5 @@ def test_too_small_or_not_a_folder(tmp_path: Path) -> None:
     with pytest.raises(LightFieldError, match="size: found 63, expected at least 64 px"):
         run_demo(tmp_path, size=63)
     (tmp_path / "file").touch()
-    with pytest.raises(LightFieldError, match="file: cannot be made"):
+    with pytest.raises(LightFieldError, match="file: cannot be created"):
         run_demo(tmp_path / "file")

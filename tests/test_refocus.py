@@ -237,7 +237,9 @@ def test_what_cannot_be_done_is_said() -> None:
         refocus(lf, float("nan"))
     with pytest.raises(LightFieldError, match="disparity_map: found none"):
         refocus(lf, -1, without_foreground=0)
-    with pytest.raises(LightFieldError, match="without_foreground: found 0, expected at least the 1 px"):
+    with pytest.raises(
+        LightFieldError, match="without_foreground: found 0, expected at least the focused plane's 1 px"
+    ):
         refocus(lf, 1, without_foreground=0, disparity_map=surface)
     with pytest.raises(LightFieldError, match="disparity_map: found 63x48 px, expected 64x48"):
         all_in_focus(lf, surface[:, 1:])

@@ -46,6 +46,21 @@ class Camera:
     -----
     The 4D Light Field Benchmark's geometry (Honauer et al. 2016, doi:10.1007/978-3-319-54187-7_2). With
     the pixel pitch p = s / max(width, height), ``disparity = b·f / p · (1/Z - 1/F)`` px per view step.
+
+    Examples
+    --------
+    The camera of the benchmark's scene "cotton". A disparity of 0 is at the focus distance:
+
+    >>> import lfdepth
+    >>> camera = lfdepth.Camera(
+    ...     focal_length_mm=100, sensor_size_mm=35, baseline_mm=25, focus_distance_m=7, width=512, height=512
+    ... )
+    >>> camera.disparity_to_depth([-1.0, 0.0, 1.0]).round(2)
+    array([8.66, 7.  , 5.88])
+    >>> camera.depth_to_disparity(5.0).round(2)
+    np.float64(2.09)
+    >>> camera.points([[0.0] * 512] * 512).shape
+    (512, 512, 3)
     """
 
     focal_length_mm: float
@@ -60,11 +75,11 @@ class Camera:
         for name in ("focal_length_mm", "sensor_size_mm", "baseline_mm", "width", "height"):
             value = getattr(self, name)
             if not (isfinite(value) and value > 0):
-                raise LightFieldError(f"camera: {name} is {value}; expected a positive number; correct it")
+                raise LightFieldError(f"camera: {name} is {value}; expected a positive number; change it")
         if not self.focus_distance_m > 0:
             raise LightFieldError(
                 f"camera: focus_distance_m is {self.focus_distance_m}; expected a positive number of metres, "
-                "or inf for parallel cameras; correct it"
+                "or inf for parallel cameras; change it"
             )
 
     @property
@@ -221,6 +236,6 @@ class CameraOptions:
         if absent:
             raise LightFieldError(
                 f"camera: {', '.join(given)} given but not {', '.join(absent)}; expected all of baseline_mm, "
-                "focal_length_mm and sensor_size_mm, as the file knows no camera; give the others too"
+                "focal_length_mm and sensor_size_mm, since the file names no camera; give the others too"
             )
         return Camera(**{"focus_distance_m": inf, "width": width, "height": height} | given)

@@ -135,7 +135,7 @@ def _folder(path: Path) -> Iterator[Path]:
         path.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise LightFieldError(
-            f"{path}: cannot be made ({error.strerror}); expected a writable folder; choose another"
+            f"{path}: cannot be created ({error.strerror}); expected a writable folder; choose another"
         ) from error
     try:
         yield path

@@ -77,6 +77,22 @@ class LightField:
     ------
     LightFieldError
         If any of the above does not hold.
+
+    Examples
+    --------
+    A wall at disparity 1 in 3×3 views, as an array of your own:
+
+    >>> import numpy as np
+    >>> import lfdepth
+    >>> wall = np.random.default_rng(0).integers(0, 256, (66, 66, 1), np.uint8)
+    >>> views = np.array([[wall[v : v + 64, u : u + 64] for u in range(3)] for v in range(3)])
+    >>> lf = lfdepth.LightField(views, disparity_range=(0, 2), name="wall")
+    >>> lf.shape
+    (3, 3, 64, 64, 1)
+    >>> lf.centre
+    (1, 1)
+    >>> np.array_equal(lf.reference[:, 1:], lf.views[1, 2][:, :-1])  # one px to the left per view step
+    True
     """
 
     views: npt.NDArray[Any]
@@ -102,7 +118,9 @@ class LightField:
             self._check_map(f"mask {key!r}", mask, np.dtype(np.bool_))
         if self.camera and (self.camera.height, self.camera.width) != self.views.shape[2:4]:
             found = f"camera is for {self.camera.width}x{self.camera.height} px"
-            raise self._error(found, f"the views' {self.width}x{self.height}", "crop or scale both alike")
+            raise self._error(
+                found, f"the views' {self.width}x{self.height}", "apply the same crop and scale to both"
+            )
 
     @property
     def shape(self) -> tuple[int, int, int, int, int]:
@@ -259,7 +277,7 @@ class LightField:
             return
         if self.present.shape != self.views.shape[:2] or self.present.dtype != np.bool_:
             found = f"present is {self.present.dtype} {self.present.shape}"
-            raise self._error(found, f"bool {self.views.shape[:2]}", "correct it")
+            raise self._error(found, f"bool {self.views.shape[:2]}", "pass one flag per view")
         if not self.present[self.centre]:
             raise self._error(
                 f"reference view {self.centre} is absent", "it to be present", "choose another grid"
@@ -283,7 +301,7 @@ class LightField:
     def _check_map(self, what: str, array: npt.NDArray[Any], dtype: np.dtype[Any]) -> None:
         if array.shape != self.views.shape[2:4] or array.dtype != dtype:
             found = f"{what} is {array.dtype} {array.shape}"
-            raise self._error(found, f"{dtype} {self.views.shape[2:4]}, the views' size", "correct it")
+            raise self._error(found, f"{dtype} {self.views.shape[2:4]}, the views' size", "crop or resize it")
 
     def _check_index(self, axis: str, index: int, size: int) -> None:
         if not 0 <= index < size:

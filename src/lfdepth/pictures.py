@@ -104,7 +104,7 @@ def _colours(values: Array, range: Range, name: str) -> Pixels:
 
     low, high = range
     if not low < high:
-        raise LightFieldError(f"range: {low:g} to {high:g}; expected MIN < MAX; correct it")
+        raise LightFieldError(f"range: {low:g} to {high:g}; expected MIN < MAX; swap or widen the ends")
     scaled = (values.astype(np.float64) - low) / (high - low)
     colours: Pixels = np.array(colormaps[name](scaled, bytes=True)[..., :3])
     colours[~np.isfinite(values)] = _NO_VALUE
@@ -114,8 +114,8 @@ def _colours(values: Array, range: Range, name: str) -> Pixels:
 def _check_alike(estimate: Array, truth: Array) -> None:
     if estimate.shape != truth.shape or truth.ndim != 2:
         raise LightFieldError(
-            f"estimate: shape {estimate.shape}; expected {truth.shape} like the truth, (H, W); give both at "
-            "one size"
+            f"estimate: shape {estimate.shape}; expected {truth.shape} like the truth, (H, W); bring both to "
+            "the same size"
         )
 
 

@@ -45,6 +45,16 @@ class Result:
         lie within it; None from a method that does not tell, or without refinement.
     checks
         Whether the views agree with the map, and what may be wrong; None if that was not looked at.
+
+    Examples
+    --------
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> result = lfdepth.estimate(scenes.render("bars", size=64, views=5), effort="fast")
+    >>> result.disparity.shape, result.disparity.dtype
+    ((64, 64), dtype('float32'))
+    >>> result.method.name, result.planes
+    ('fbs-vis', 51)
     """
 
     disparity: NDArray[np.float32]

@@ -52,6 +52,17 @@ class Trace:
         What was kept, in the order it came.
     laps : list of Lap
         The steps.
+
+    Examples
+    --------
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> trace = lfdepth.Trace(keep=["votes"])
+    >>> lf = scenes.render("bars", size=64, views=5)
+    >>> result = lfdepth.estimate(lf, "fbs-sfa", planes=10, trace=trace)
+    >>> len(trace.kept["votes"]), trace.kept["votes"][0].shape
+    (10, (64, 64))
+    >>> seconds = trace.times()  # of each block
     """
 
     progress: Progress | None = None

@@ -47,5 +47,5 @@ def read_runtime(file: Path) -> float:
     except ValueError:
         seconds = -1.0
     if not 0 <= seconds < float("inf"):
-        raise LightFieldError(f"{file}: found {text[:40]!r}; expected a run time in seconds; correct it")
+        raise LightFieldError(f"{file}: found {text[:40]!r}; expected a run time in seconds; write a number")
     return seconds

@@ -95,7 +95,7 @@ def _words(heads: Sequence[str]) -> tuple[Column, ...]:
 
 def _scene_facts(scene: SceneResult) -> tuple[str, ...]:
     (rows, columns), (height, width) = scene.grid, scene.reference.shape[:2]
-    range = " to ".join(_ends(scene.range)) if scene.range else "found in the views"
+    range = " to ".join(_ends(scene.range)) if scene.range else "estimated from the views"
     truth = "none" if scene.truth is None else "low and high resolution" if scene.high else "low resolution"
     return scene.name, f"{columns}×{rows}", f"{width}×{height}", range, truth
 

@@ -61,7 +61,7 @@ def parameters(text: str, *, named: str | None = None) -> dict[str, str]:
         if not (name and equals and value):
             raise LightFieldError(
                 f"setting {named or text!r}: found {part!r}; expected {'METHOD:' if named else ''}"
-                "NAME=VALUE,NAME=VALUE; correct it"
+                "NAME=VALUE,NAME=VALUE; rewrite it"
             )
         options[name.strip()] = value.strip()
     return options
@@ -167,7 +167,7 @@ def read_plan(path: Path | str) -> Plan:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise LightFieldError(
-            f"{path}: {error}; expected a TOML file with scenes and methods; correct it"
+            f"{path}: {error}; expected a TOML file with scenes and methods; fix the syntax"
         ) from None
     known = {"scenes", "methods", "settings", "external"}
     if unknown := set(data) - known:
@@ -218,8 +218,7 @@ def with_truth(scenes: Sequence[str], truth: Sequence[str]) -> list[SceneSpec]:
             known = ", ".join(spec.label() for spec in specs[:8]) or "no scenes"
             raise LightFieldError(
                 f"truth {text!r}: {len(matching)} of {len(specs)} scenes fit; expected SCENE=FILE with "
-                "one of "
-                f"{known}; correct it"
+                f"one of {known}; name one of them"
             )
         specs[matching[0]] = replace(specs[matching[0]], truth=Path(file))
     return specs

@@ -192,7 +192,7 @@ class _Runner:
         try:
             return replace(entry, found=replace(entry.found, runtime=external_runtime(folder, scene)))
         except LightFieldError as error:
-            self.failures.append(Failure(scene, folder.name, f"{error} (the map is scored all the same)"))
+            self.failures.append(Failure(scene, folder.name, f"{error} (the map is scored anyway)"))
             return entry
 
     def _attempt(

@@ -209,7 +209,7 @@ def check_submission(archive: Path | str) -> tuple[str, ...]:
         raise LightFieldError(f"{archive}: no such file; expected a zip; check the path") from None
     except Exception as error:  # damaged archives make zipfile raise many kinds
         raise LightFieldError(
-            f"{archive}: not a readable zip ({error}); expected a submission; make it again"
+            f"{archive}: not a readable zip ({error}); expected a submission; create it again"
         ) from None
 
 
@@ -232,7 +232,7 @@ def _problems(source: zipfile.ZipFile, scratch: Path) -> Iterator[str]:
         elif (size := source.getinfo(top + name).file_size) > _LARGEST:
             yield f"{name}: {size} bytes; expected at most {_LARGEST}; write it again"
         elif source.getinfo(top + name).compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            yield f"{name}: packed otherwise than by deflate; expected that; make the zip again"
+            yield f"{name}: not compressed by deflate; expected deflate; create the zip again"
         else:
             yield from _file_problems(source, top + name, scratch / PurePosixPath(name).name, name, check)
 
@@ -251,7 +251,7 @@ def _file_problems(
     try:
         file.write_bytes(source.read(member))
     except (zipfile.BadZipFile, zlib.error, EOFError) as error:
-        yield f"{name}: damaged in the zip ({error}); expected a whole file; make the zip again"
+        yield f"{name}: damaged in the zip ({error}); expected a complete file; create the zip again"
         return
     yield from (problem.replace(str(file), name) for problem in check(file))
 
@@ -280,6 +280,6 @@ def _map_problems(file: Path) -> Iterator[str]:
 def _runtime_problems(file: Path) -> Iterator[str]:
     try:
         if read_runtime(file) == 0:
-            yield f"{file}: run time is 0; expected seconds above 0; measure it"
+            yield f"{file}: run time is 0; expected seconds above 0; measure it again"
     except LightFieldError as error:
         yield str(error)

@@ -18,10 +18,10 @@ BOLD = 3
 """How many of the best are set in bold, as the paper does; never the last of a column."""
 
 LEGEND = (
-    "Lower is better; the best three of a column are bold, but never its last. Rows marked *published* were "
-    "not run here; their values take part in the ranking only where they stand on truth of the same "
-    "resolution. (low) or (high): taken on truth of that resolution where the others, or the benchmark, use "
-    "the other. Run times of published rows come from other machines."
+    "Lower is better; the best three of each column are bold, but never the last. Rows marked *published* "
+    "were not run here; their values are ranked only if they were scored on truth of the same resolution. "
+    "(low) or (high): scored on truth of that resolution, while the others, or the benchmark, use the other. "
+    "Run times of published rows come from other machines."
 )
 """What a reader must know, in Markdown."""
 

@@ -60,6 +60,15 @@ def refocus(
     LightFieldError
         If a disparity is not finite or so large that no other view shows anything of the reference view, the
         plane itself would be left out, or the map is missing, not finite, or of another size than the views.
+
+    Examples
+    --------
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> lf = scenes.render("fence", size=64, views=5)
+    >>> lfdepth.refocus(lf, -1.0).shape
+    (64, 64, 3)
+    >>> through = lfdepth.refocus(lf, -1.0, without_foreground=0.5, disparity_map=lf.truth)
     """
     check_reach(lf, disparity, "disparity")
     plane = np.full((lf.height, lf.width), disparity, np.float32)
@@ -68,12 +77,12 @@ def refocus(
         _check_finite(without_foreground, "without_foreground")
         if disparity > without_foreground:
             raise LightFieldError(
-                f"without_foreground: found {without_foreground:g}, expected at least the {disparity:g} px "
-                "per view step that is focused on; raise it or focus farther away"
+                f"without_foreground: found {without_foreground:g}, expected at least the focused plane's "
+                f"{disparity:g} px per view step; raise it or focus farther away"
             )
         if disparity_map is None:
             raise LightFieldError(
-                "disparity_map: found none, expected where the foreground is; give a map, or estimate one"
+                "disparity_map: found none, expected one to locate the foreground; estimate one and pass it"
             )
         limit = np.full_like(plane, without_foreground)
         behind, seen = _average(lf, plane, threads, _checked_map(disparity_map, lf), limit)
@@ -106,6 +115,14 @@ def all_in_focus(
     ------
     LightFieldError
         If the map is not finite, or of another size than the views.
+
+    Examples
+    --------
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> lf = scenes.render("bars", size=64, views=5)
+    >>> lfdepth.all_in_focus(lf, lfdepth.estimate(lf, effort="fast")).shape
+    (64, 64, 3)
     """
     surface = _checked_map(disparity_map, lf)
     picture, seen = _average(lf, surface, threads, surface, surface + np.float32(SURFACE_JUMP))
@@ -147,6 +164,15 @@ def foreground_masks(
     LightFieldError
         If a disparity is not finite, `at` shifts all views out of the frame, or the map is not finite or of
         another size than the views.
+
+    Examples
+    --------
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> lf = scenes.render("fence", size=64, views=5)
+    >>> masks = lfdepth.foreground_masks(lf, lf.truth, 0.5)
+    >>> masks.shape, bool((masks[2, 2] == (lf.truth > 0.5)).all())
+    ((5, 5, 64, 64), True)
     """
     _check_finite(disparity, "disparity")
     check_reach(lf, 0.0 if at is None else at, "at")
@@ -174,6 +200,18 @@ def write_masks(folder: str | Path, masks: NDArray[np.bool_], lf: LightField) ->
     LightFieldError
         If the masks do not have the light field's shape, or the folder cannot be written or holds something
         else.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> lf = scenes.render("fence", size=64, views=5)
+    >>> folder = Path(tempfile.mkdtemp()) / "masks"
+    >>> lfdepth.write_masks(folder, lfdepth.foreground_masks(lf, lf.truth, 0.5), lf)
+    >>> len(list(folder.glob("*.png")))
+    25
     """
     if masks.shape != lf.shape[:4]:
         raise LightFieldError(
@@ -248,7 +286,7 @@ def _checked_map(disparity_map: Result | NDArray[Any], lf: LightField) -> NDArra
     if values.shape != (lf.height, lf.width):
         raise LightFieldError(
             f"disparity_map: found {values.shape[1]}x{values.shape[0]} px, expected {lf.width}x{lf.height} "
-            f"like the views of {lf.name}; crop and scale both alike"
+            f"like the views of {lf.name}; apply the same crop and scale to both"
         )
     return np.ascontiguousarray(values)
 
@@ -262,8 +300,8 @@ def check_reach(lf: LightField, disparity: float, what: str) -> None:
     ):
         most = max(lf.height if lf.shape[0] > 1 else 0, lf.width if lf.shape[1] > 1 else 0)
         raise LightFieldError(
-            f"{what}: found {disparity:g} px per view step, which moves every other view out of the picture; "
-            f"expected less than {most} px either way; see lfdepth info for the scene's range"
+            f"{what}: found {disparity:g} px per view step, which shifts every other view out of the "
+            f"picture; expected less than {most} px either way; see lfdepth info for the scene's range"
         )
 
 

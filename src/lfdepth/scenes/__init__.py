@@ -44,6 +44,12 @@ def describe(name: str) -> str:
     ------
     LightFieldError
         If there is no scene of that name.
+
+    Examples
+    --------
+    >>> from lfdepth import scenes
+    >>> scenes.describe("leaves")
+    '130 leaves, pointed or round, at random angles and depths, half of them slanted; D from -1.6 to 1.6.'
     """
     return _described(name).description
 
@@ -93,6 +99,13 @@ def render(
     ------
     LightFieldError
         If an argument is out of its range, or a path-traced scene is asked for without Mitsuba.
+
+    Examples
+    --------
+    >>> from lfdepth import scenes
+    >>> lf = scenes.render("bars", size=64, views=5)
+    >>> lf.shape, lf.truth.shape
+    ((5, 5, 64, 64, 3), (64, 64))
     """
     return _rendered(name, size, views, seed, noise, samples).lf
 
@@ -133,6 +146,13 @@ def save(
     ------
     LightFieldError
         If an argument is out of its range, or the folder cannot be written or holds something else.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from lfdepth import scenes
+    >>> scenes.save("bars", tempfile.mkdtemp() + "/bars", size=64, views=5).shape
+    (5, 5, 64, 64, 3)
     """
     from lfdepth.io.atomic import check_target
     from lfdepth.io.benchmark import write_benchmark
@@ -161,6 +181,12 @@ def high_resolution(name: str, *, size: int | tuple[int, int] = 256, seed: int =
     ------
     LightFieldError
         If the scene is none of `NAMES`, or an argument is out of its range.
+
+    Examples
+    --------
+    >>> from lfdepth import scenes
+    >>> scenes.high_resolution("bars", size=32).truth.shape
+    (320, 320)
     """
     _check(name in NAMES, f"scene {name!r} is not procedural; expected one of {', '.join(NAMES)}")
     height, width = _pixels(size)
@@ -187,6 +213,12 @@ def expected_seconds(
     ------
     LightFieldError
         If there is no scene of that name, an argument is out of its range, or Mitsuba is not installed.
+
+    Examples
+    --------
+    >>> from lfdepth import scenes
+    >>> scenes.expected_seconds("bars") is None  # only path-traced scenes take long enough to say
+    True
     """
     if isinstance(_described(name), Recipe):
         return None
@@ -241,4 +273,4 @@ def _pair(value: int | tuple[int, int], what: str, least: int, most: int) -> tup
 
 def _check(holds: bool, finding: str) -> None:
     if not holds:
-        raise LightFieldError(f"scenes: {finding}; correct it")
+        raise LightFieldError(f"scenes: {finding}; change it")

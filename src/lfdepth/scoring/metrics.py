@@ -100,7 +100,8 @@ def region(truth: Array, mask: Array | None = None, resolution: Resolution = LOW
         return inside
     if mask.shape != truth.shape:
         raise LightFieldError(
-            f"mask: {_size(mask)} px; expected {_size(truth)} px like the truth; give both at one resolution"
+            f"mask: {_size(mask)} px; expected {_size(truth)} px like the truth; use the same resolution for "
+            "both"
         )
     inside &= mask != 0
     return inside
@@ -129,7 +130,7 @@ def _matched(estimate: Array, truth: Array, resolution: Resolution) -> Array:
         return estimate
     if tuple(n * resolution.factor for n in estimate.shape) == truth.shape:
         return enlarge(estimate, (truth.shape[0], truth.shape[1]))
-    smaller = f" or {resolution.factor} times less" if resolution.factor > 1 else ""
+    smaller = f" or {resolution.factor} times smaller" if resolution.factor > 1 else ""
     raise LightFieldError(
         f"estimate: {_size(estimate)} px; expected {_size(truth)} px like the truth{smaller}; "
         "give a map of the reference view at the size of the views"

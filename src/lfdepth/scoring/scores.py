@@ -278,8 +278,10 @@ def evaluate(
 
     Examples
     --------
+    >>> import numpy as np
+    >>> import lfdepth
     >>> truth = np.zeros((64, 64), np.float32)
-    >>> evaluate(truth + np.float32(0.05), truth)["badpix_0.03"]
+    >>> lfdepth.evaluate(truth + np.float32(0.05), truth)["badpix_0.03"]
     100.0
     """
     truth, name = _truth_of(lf_or_truth)
@@ -354,8 +356,7 @@ def _truth_of(lf_or_truth: LightField | Array) -> tuple[Array, str]:
     if lf_or_truth.truth is None:
         raise LightFieldError(
             f"{lf_or_truth.name}: no truth; expected gt_disp_lowres.pfm beside the views, or a light field "
-            "with "
-            "truth; without it nothing can be scored"
+            "with truth; without truth nothing can be scored"
         )
     return lf_or_truth.truth, lf_or_truth.name
 
@@ -396,7 +397,6 @@ def _high_shape(high: HighResolution, truth: Array, name: str) -> tuple[int, int
     if (height, width) != (HIGH.factor * truth.shape[0], HIGH.factor * truth.shape[1]):
         raise LightFieldError(
             f"{name}: high-resolution truth is {width}x{height} px; expected {HIGH.factor} times the "
-            "low-resolution "
-            f"truth's {truth.shape[1]}x{truth.shape[0]} px; use the two of one scene"
+            f"low-resolution truth's {truth.shape[1]}x{truth.shape[0]} px; use the two of one scene"
         )
     return height, width
