@@ -41,26 +41,26 @@ def estimate(
     Parameters
     ----------
     lf
-        Light field of two views at least, side by side or one above the other.
+        Light field of at least two views, side by side or one above the other.
     method
         Name of a method (`lfdepth.methods.names()`) or a `Method`.
     range
-        (min, max) disparity in px per view step; None takes the light field's own, and where it has none
-        finds it (`lfdepth.find_range`).
+        (min, max) disparity in px per view step; None uses the light field's own, or, if it has none,
+        estimates it (`lfdepth.find_range`).
     engine
         Name of an engine (`lfdepth.engines.NAMES`).
     threads
-        Number of threads; None takes every processor. The result does not depend on it.
+        Number of threads; None uses all processors. The result does not depend on it.
     progress
         Called with (steps done, steps in all, what was done).
     trace
-        Takes note of the run: time per block, intermediate results. It has its own `progress`.
+        Records the run: time per block, intermediate results. It has its own `progress`.
     force
-        Allow an extreme number of planes, and more memory than seems to be free.
+        Run even with an extreme number of planes, or if memory seems too small.
     equalise
-        Make the brightness of the views equal where it differs (`lfdepth.measure_brightness`).
+        Equalise the brightness of the views where it differs (`lfdepth.measure_brightness`).
     check
-        Check the map against the views afterwards (`Result.checks`); not counted in `Result.runtime`.
+        Check the map against the views afterwards (`Result.checks`); not included in `Result.runtime`.
     **options
         Parameters of the method, such as `step=0.02`.
 

@@ -53,23 +53,23 @@ class LightField:
         uint8, uint16 or float32 with white at 255, 65535 and 1.0; C = 1 (grey) or 3 (RGB).
         Float views lie in [0, 1]. V and U may be odd or even, and one of them may be 1.
     camera : Camera, optional
-        Needed only where metres are asked for.
+        Needed only for metres.
     disparity_range : tuple of float, optional
         (smallest, largest) disparity in the scene, px per view step.
     truth : ndarray, shape (H, W), optional
-        Exact disparity of the reference view, float32; NaN or infinite where it is not known.
+        Exact disparity of the reference view, float32; NaN or infinite where it is unknown.
     masks : mapping of str to ndarray, optional
         Named regions of the reference view, (H, W) bool.
     present : ndarray, shape (V, U), optional
-        True where a view exists; absent views are zero and must not be used. None: all exist.
+        True where a view exists; missing views are zero and must not be used. None: all exist.
     positions : ndarray, shape (V, U, 2), optional
-        Where cameras are known to stand off the regular grid: how far each view lies from its place in it,
-        (down, right), in steps of the grid; float64, 0 for the reference view. View (v, u) from the reference
-        view then shows a pixel (x, y) with disparity D at (x - D·(u + right), y - D·(v + down)). None: on it.
+        Known offsets of the cameras from the regular grid: (down, right), in steps of the grid; float64, 0
+        for the reference view. View (v, u) from the reference view then shows a pixel (x, y) with disparity D
+        at (x - D·(u + right), y - D·(v + down)). None: all are on the grid.
     white_level : float, optional
-        Value of white in the file, where that is not its type's; samples were scaled from it to `full_scale`.
+        Value of white in the file, if that is not its type's; samples were scaled from it to `full_scale`.
     remarks : tuple of str
-        What reading found out or left out, a sentence each, for people.
+        What reading found out or ignored, a sentence each, for people to read.
     name : str
         Short name for messages and tables.
 
@@ -145,7 +145,7 @@ class LightField:
 
     @property
     def offsets(self) -> npt.NDArray[np.float64]:
-        """Where views stand: (V, U, 2) view steps down and across from the reference view."""
+        """Where views are: (V, U, 2) view steps down and across from the reference view."""
         grid = grid_offsets(self.shape[:2])
         return grid if self.positions is None else grid + self.positions
 

@@ -23,13 +23,13 @@ class Result:
     disparity
         (H, W) float32, px per view step, positive nearer.
     confidence
-        (H, W) float32 in [0, 1]: how far the evidence speaks for the disparity.
+        (H, W) float32 in [0, 1]: how well the evidence supports the disparity.
     range
         (min, max) disparity that was searched.
     planes
         Number of planes that were searched; 0 for a method without planes.
     runtime
-        Seconds for the estimate, reading and compiling excluded where they came before.
+        Seconds for the estimate, without reading, and without compiling if that was done before.
     method
         The method with all its parameters.
     engine
@@ -37,14 +37,14 @@ class Result:
     version
         Version of lfdepth.
     range_found
-        Whether the range was found from the views, for want of a given one.
+        Whether the range was estimated from the views because none was given.
     equalisation
-        How the brightness of the views differed; None if it was not looked at.
+        How the brightness of the views differed; None if it was not measured.
     sigma
-        (H, W) float32, standard error in px per view step: about 68 % of the pixels that are not outliers
-        lie within it; None from a method that does not tell, or without refinement.
+        (H, W) float32, standard error in px per view step: the errors of about 68 % of the pixels that are
+        not outliers lie within it; None if the method gives none, or without refinement.
     checks
-        Whether the views agree with the map, and what may be wrong; None if that was not looked at.
+        Whether the views agree with the map, and what may be wrong; None if that was not checked.
 
     Examples
     --------

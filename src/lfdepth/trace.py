@@ -37,19 +37,19 @@ class Lap:
 
 @dataclass(eq=False)
 class Trace:
-    """Takes note of a run.
+    """Records a run: progress, time per block, intermediate results.
 
     Parameters
     ----------
     progress
         Called after each step with (steps done, steps in all, what was done).
     keep
-        Names of intermediate results to be kept; a method's page in the docs lists what it offers.
+        Names of intermediate results to keep; a method's page in the docs lists what it offers.
 
     Attributes
     ----------
     kept : dict of str to list of ndarray
-        What was kept, in the order it came.
+        What was kept, in order.
     laps : list of Lap
         The steps.
 

@@ -36,7 +36,7 @@ def engine(name: str = "cpu", *, threads: int | None = None) -> Engine:
     name
         One of `NAMES`.
     threads
-        Number of threads; None takes every processor. The numpy engine has one.
+        Number of threads; None uses all processors. The numpy engine has one.
 
     Raises
     ------

@@ -90,19 +90,19 @@ def read(
     Parameters
     ----------
     path : str or Path
-        A file or folder in one of `FORMATS`, found out by looking at it.
+        A file or folder in one of `FORMATS`, which is recognised from its content.
     format : str, optional
-        Name of the format, where looking is not enough.
+        Name of the format, if it is not recognised.
     grid : tuple of int, optional
-        (V, U), rows and columns of views as they are stored, where files only number them.
+        (V, U), rows and columns of views as stored, if the files only carry a running number.
     partial : bool
-        Absent views are meant, whatever pattern they form. Without it, only patterns that are symmetric about
-        the reference view (the centre cross, the diagonals) may lack views.
+        Accept missing views in any pattern. Otherwise only patterns that are symmetric about the reference
+        view (the centre cross, the diagonals) may lack views.
     pattern : str, optional
-        Which files of a folder are views, where others lie among them: ``"shot_*.png"``, ``"*/000.png"``.
+        Which files in a folder are views, if there are others among them: ``"shot_*.png"``, ``"*/000.png"``.
     axes : str, optional
-        Order of the axes of an array, where its lengths do not tell: V and U, or N for a running number of
-        views, H, W, and C if there is one, such as ``"WHUV"``.
+        Order of an array's axes, if their lengths leave it open: V and U, or N for a running number of views,
+        H, W, and C if there is one, such as ``"WHUV"``.
     views : tuple of int, optional
         (V, U) views to read around the reference view, after reordering.
     crop : tuple of int, optional
@@ -114,39 +114,39 @@ def read(
         Reorder the grid of views: swap its rows and columns, then reverse its rows, its columns. The pictures
         stay as they are. Views numbered column by column are read with ``grid=(U, V), transpose=True``.
     serpentine : bool
-        Every second row of views runs back, as cameras that are moved in loops record them. It is put right
+        Every second row of views runs backwards, as cameras moved back and forth record them. This is undone
         before the other reorderings.
     white_level : float, optional
-        Value of white among the samples, such as 4095 for 12 bits in a 16-bit file. By default what the file
-        states, or what the samples tell: for 16 bits, that of the fewest of 8, 10, 12, 14 or 16 bits which
-        hold all of them; for floats beyond 1, see `lfdepth.io.white.find_white`. Samples are scaled to the
-        white of their type.
+        Sample value of white, such as 4095 for 12 bits in a 16-bit file. By default what the file states, or
+        an estimate from the samples: for 16 bits, the fewest of 8, 10, 12, 14 or 16 bits that hold all of
+        them; for floats beyond 1, see `lfdepth.io.white.find_white`. Samples are scaled to the white of their
+        type.
     positions : str or Path, optional
-        CSV with `v,u,y,x` for each view: its row and column as stored, and where its camera stands.
+        CSV with `v,u,y,x` for each view: its row and column as stored, and the position of its camera.
     truth : str, Path or (H, W) array, optional
-        Disparity of the reference view that is read, over what the files say; NaN where it is not known.
+        Disparity of the reference view, instead of what the files say; NaN where it is unknown.
     truth_scale, truth_offset : float
-        For truth from a file, which then is offset + scale · value.
+        For truth from a file: disparity = offset + scale · sample.
     truth_variable : str, optional
-        Name of the truth in a file of several arrays.
+        Name of the truth in a file with several arrays.
     baseline_mm, focal_length_mm, sensor_size_mm, focus_distance_m : float, optional
-        Camera, over what the files say; see `lfdepth.Camera`. Values are those of the whole views.
+        Camera, instead of what the files say; see `lfdepth.Camera`. Values are those of the whole views.
     check : bool
-        Test on the pixels whether the grid of views is in order, and refuse it if it is not. Where the scene
-        cannot tell, a warning says so.
+        Check on the pixels whether the grid of views is in order, and refuse it if it is not. If the scene
+        does not show it, a warning says so.
     unusable : dict, optional
-        Takes the names of masks that are damaged or of another size than the views, with the reason; the
+        Receives the names of masks that are damaged or of another size than the views, with the reason; the
         rest is read. Without it, such a mask is an error.
 
     Returns
     -------
     LightField
-        Only what was selected is held in memory.
+        Holds only what was selected.
 
     Raises
     ------
     LightFieldError
-        If the path does not exist, is no light field, is damaged, or does not have what was selected; with
+        If the path does not exist, is not a light field, is damaged, or lacks what was selected; with
         `check`, also if its views are in another order.
 
     Examples
@@ -208,9 +208,9 @@ def write(
     mesh: bool = False,
     format: str | None = None,
 ) -> None:
-    """Write a map, the points it stands for, or a light field, in the format that the path's ending names.
+    """Write a map, its points, or a light field, in the format that the path's extension selects.
 
-    What is written is complete or not there: it is written under a temporary name, then renamed.
+    The output is either complete or absent: it is written under a temporary name, then renamed.
 
     Parameters
     ----------
@@ -222,24 +222,23 @@ def write(
         (V, U, H, W, C), and all that is known of them), `.npy`, `.tif`, `.tiff` (a page for each view),
         `_qsCxRaA.png` (a quilt of one row of views); or is a folder, for a picture of each view.
     result : Result, Record, ndarray or LightField
-        What `estimate` returned or `read_record` read, or a disparity map (H, W) in px per view step; or a
-        light field. That is
-        read back as it was: samples, absent views, range and camera; truth and masks, too, from folders,
-        `.npz`, `.h5`, `.zarr` and `.mat`.
+        What `estimate` returned or `read_record` read, a disparity map (H, W) in px per view step, or a light
+        field. A light field reads back unchanged: samples, missing views, range and camera, and, from
+        folders, `.npz`, `.h5`, `.zarr` and `.mat`, also truth and masks.
     scene : LightField, optional
-        Where the result comes from; needed for depth and PLY, with its camera.
+        The light field of the map; needed for depth and PLY, with its camera.
     quantity : {"disparity", "depth"}
         What the map holds: px per view step, or metres along the optical axis.
     mesh : bool
-        PLY only: connect the points by triangles, cut at occlusion boundaries.
+        PLY only: join the points into a triangle mesh, cut at depth edges.
     format : str, optional
         Light fields only: name of the format, such as "benchmark" for a folder in the benchmark's layout.
 
     Raises
     ------
     LightFieldError
-        If the ending is unknown, the format cannot hold the light field, the map is not finite, metres are
-        asked for and the camera is unknown, or the file cannot be written.
+        If the extension is unknown, the format cannot hold the light field, the map is not finite, metres are
+        requested and the camera is unknown, or the file cannot be written.
 
     Examples
     --------

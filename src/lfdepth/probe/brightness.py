@@ -76,9 +76,9 @@ class Equalisation:
     effect : ndarray, shape (V, U)
         Root mean square of what the differences change, of full scale.
     samples : int
-        Blocks of the reference view from which this was measured; 0 if the views did not allow it.
+        Blocks of the reference view from which this was measured; 0 if it could not be measured.
     needed : bool
-        Whether the differences are worth mending.
+        Whether the differences are large enough to correct.
     power : float
         How shading falls: 1 as a polynomial does, −2 as cos⁴ of the angle does, 1000 as an exponential does.
 
@@ -149,8 +149,8 @@ def equalise(lf: LightField, found: Equalisation) -> LightField:
     Returns
     -------
     LightField
-        The very same where nothing has to be changed. Otherwise views of 8 bits become views of 16, so that
-        rounding adds no steps; views left out are absent.
+        The same object if nothing has to change. Otherwise 8-bit views become 16-bit views, so that
+        rounding adds no steps; views left out are marked as missing.
 
     Examples
     --------
@@ -199,19 +199,19 @@ def measure_brightness(
 ) -> Equalisation:
     """Measure how the brightness of the views differs from the reference view's.
 
-    Views whose shorter side is below 64 px do not tell.
+    Views whose shorter side is below 64 px are too small for that.
 
     Parameters
     ----------
     lf
         Light field.
     disparity
-        (H, W) disparity of the reference view, px per view step, NaN where it is unknown; None finds a coarse
-        one.
+        (H, W) disparity of the reference view, px per view step, NaN where it is unknown; None estimates a
+        coarse one.
     range
         (min, max) of that disparity, if it is known.
     threads
-        Number of threads; None takes every processor.
+        Number of threads; None uses all processors.
     engine
         Engine to use instead of the default one.
 

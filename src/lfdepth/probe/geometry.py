@@ -45,7 +45,7 @@ _REACH, _GRADIENT, _MOVING = 2, 0.004, 0.15
 
 
 def with_aspect(lf: LightField, aspect: float) -> LightField:
-    """The light field with vertical steps of that many horizontal ones.
+    """The light field with a given ratio of the vertical to the horizontal step between views.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def measure_aspect(
     range
         (min, max) disparity along rows of views, px per view step.
     threads
-        Number of threads; None takes every processor.
+        Number of threads; None uses all processors.
     engine
         Engine to use instead of the default one.
     """
@@ -145,7 +145,7 @@ def measure_positions(
     disparity
         (H, W) disparity of the reference view, px per view step, NaN where it is unknown.
     threads
-        Number of threads; None takes every processor.
+        Number of threads; None uses all processors.
     engine
         Engine to use instead of the default one.
 
@@ -212,7 +212,7 @@ def stray(
     range
         (min, max) disparity, px per view step.
     threads
-        Number of threads; None takes every processor.
+        Number of threads; None uses all processors.
     engine
         Engine to use instead of the default one.
     """
@@ -233,7 +233,7 @@ def refine_positions(
     threads: int | None = None,
     engine: Engine | None = None,
 ) -> LightField:
-    """The light field with its views where a first map says that they stand.
+    """The light field with its views where a first map shows that they are.
 
     Parameters
     ----------
@@ -242,14 +242,14 @@ def refine_positions(
     disparity
         (H, W) disparity of the reference view, px per view step, NaN where it is unknown.
     threads
-        Number of threads; None takes every processor.
+        Number of threads; None uses all processors.
     engine
         Engine to use instead of the default one.
 
     Raises
     ------
     LightFieldError
-        If the views do not tell where they stand.
+        If the views do not show where they are.
 
     Examples
     --------

@@ -205,16 +205,16 @@ def check_orientation(
     lf
         Light field as it was read.
     applied
-        What it was read with, so that the advice is for reading it again.
+        The options it was read with, so that the advice applies to reading it again.
     threads
-        Number of threads; None takes every processor. The result does not depend on it.
+        Number of threads; None uses all processors. The result does not depend on it.
     engine
         Engine to use instead of the default one.
 
     Returns
     -------
     Orientation
-        Undecided where the scene cannot tell: without texture, or with all of it at zero disparity, nothing
+        Undecided if the scene does not show it: without texture, or with all of it at zero disparity, nothing
         shows the order; without surfaces that hide each other, nothing shows the sign.
 
     Raises

@@ -76,12 +76,12 @@ def find_range(
     threads: int | None = None,
     engine: Engine | None = None,
 ) -> tuple[float, float]:
-    """Find the range of disparities from the views.
+    """Estimate the range of disparities from the views.
 
     A coarse sweep of shrunk views over a wide range, then a fine one over what the first one found. Surfaces
-    count if they have texture and cover at least 0.15 % of the reference view (0.3 % in 3×3 views, 0.5 %
-    where they are seen only through gaps). What is seen only through gaps is missed if they are so narrow
-    that most views see something else in them.
+    count if they have texture and cover at least 0.15 % of the reference view (0.3 % with 3×3 views, 0.5 %
+    if they are seen only through gaps). Surfaces behind gaps are missed if the gaps are so narrow that most
+    views see something else in them.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ def find_range(
         view moves by a quarter of the picture, or half of it where large surfaces lie beyond. Periodic
         texture is ambiguous in a wide range: if nothing is found, narrower ones are tried.
     threads
-        Number of threads; None takes every processor. The result does not depend on it.
+        Number of threads; None uses all processors. The result does not depend on it.
     engine
         Engine to use instead of the default one.
 
@@ -103,8 +103,8 @@ def find_range(
     Raises
     ------
     LightFieldError
-        If the views agree on no disparity, for want of texture or because their order is wrong; if
-        disparities reach the limit; or the limit is not positive.
+        If the views agree on no disparity, because there is no texture or their order is wrong; if
+        disparities reach the limit; or if the limit is not positive.
 
     Examples
     --------

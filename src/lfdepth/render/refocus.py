@@ -35,7 +35,7 @@ def refocus(
     disparity_map: Result | NDArray[Any] | None = None,
     threads: int | None = None,
 ) -> NDArray[Any]:
-    """Focus on a plane: shift all views so that it falls into register, and average them.
+    """Focus on a plane: shift all views so that it is aligned in them, and average them.
 
     Parameters
     ----------
@@ -44,22 +44,22 @@ def refocus(
     disparity
         Plane, px per view step.
     without_foreground
-        Leave out what is nearer than this disparity: each pixel is the mean of those views in which no such
+        Remove everything nearer than this disparity: each pixel is the mean of the views in which no such
         occluder covers it, or of all views if it is covered in all of them.
     disparity_map
         (H, W) disparity of the reference view, or the result of `estimate`: where the foreground is.
     threads
-        Number of threads; None takes every processor. The result does not depend on it.
+        Number of threads; None uses all processors. The result does not depend on it.
 
     Returns
     -------
-    (H, W, C) array of the views' type. Near the border it is the mean of the views that reach there.
+    (H, W, C) array of the views' type; near the border the mean of the views that reach there.
 
     Raises
     ------
     LightFieldError
-        If a disparity is not finite or so large that no other view shows anything of the reference view, the
-        plane itself would be left out, or the map is missing, not finite, or of another size than the views.
+        If a disparity is not finite or so large that no other view overlaps the reference view, if the plane
+        itself would be removed, or if the map is missing, not finite, or of another size than the views.
 
     Examples
     --------
@@ -95,8 +95,8 @@ def all_in_focus(
 ) -> NDArray[Any]:
     """Focus every pixel at its own disparity.
 
-    The result is the reference view with the noise of all views averaged out. Views in which a pixel is
-    hidden by something nearer do not count.
+    The result is the reference view with the noise of all views averaged out. Views in which something nearer
+    hides a pixel do not count.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ def all_in_focus(
     disparity_map
         (H, W) disparity of the reference view, or the result of `estimate`.
     threads
-        Number of threads; None takes every processor. The result does not depend on it.
+        Number of threads; None uses all processors. The result does not depend on it.
 
     Returns
     -------
@@ -138,10 +138,10 @@ def foreground_masks(
 ) -> NDArray[np.bool_]:
     """The 4-D foreground mask: where each view shows something nearer than a disparity.
 
-    Every pixel of the reference view is carried to every view at its own disparity, so that the mask follows
-    slanted and staggered foreground exactly; the paper's mask (eq. 7) carries all of it as one plane. What
-    the reference view does not see is unknown and counts as background: foreground that is hidden behind
-    nearer foreground, or that lies outside its frame.
+    Every pixel of the reference view is moved to every view by its own disparity, so that the mask follows
+    slanted and staggered foreground exactly; the paper's mask (eq. 7) moves all of it as one plane. What the
+    reference view does not see is unknown and counts as background: foreground hidden behind nearer
+    foreground, or outside its frame.
 
     Parameters
     ----------
@@ -152,8 +152,8 @@ def foreground_masks(
     disparity
         Everything above it is foreground, px per view step.
     at
-        Plane at which the masks are wanted, as `sweep.reparam.reparameterise` shifts the views; by default
-        each mask has the coordinates of its own view, which is the plane at 0.
+        Plane at which to align the masks, as `lfdepth.blocks.reparam.reparameterise` does with views; by
+        default each mask has the coordinates of its own view, which is the plane at 0.
 
     Returns
     -------
@@ -189,7 +189,7 @@ def write_masks(folder: str | Path, masks: NDArray[np.bool_], lf: LightField) ->
     Parameters
     ----------
     folder
-        To be created; its parent has to exist. An empty folder or earlier masks are replaced.
+        Folder to create, in an existing one. An empty folder, or earlier masks, are replaced.
     masks
         (V, U, H, W) bool.
     lf

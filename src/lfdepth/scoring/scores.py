@@ -253,9 +253,9 @@ def evaluate(
     Parameters
     ----------
     result_or_disparity : Result or (H, W) array
-        A result brings its confidence and run time.
+        A result also has confidence and run time.
     lf_or_truth : LightField or (H, W) array
-        A light field brings its masks and camera, for the metrics that need them.
+        A light field also has masks and a camera, for the metrics that need them.
     confidence : (H, W) array, optional
         Higher is better; for the area under the sparsification error (AUSE).
     high : HighResolution, optional
