@@ -12,8 +12,11 @@ import hmac
 import json
 import re
 import secrets
+import socket
+import sys
 import threading
 from collections.abc import Sequence
+from contextlib import suppress
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import TYPE_CHECKING, Any
@@ -120,6 +123,7 @@ class ViewerServer(ThreadingHTTPServer):
 
     def __init__(self, viewer: Viewer, port: int = 0) -> None:
         self.viewer, self.token = viewer, secrets.token_urlsafe(24)
+        self._connections: set[socket.socket] = set()
         try:
             super().__init__((ADDRESS, port), _Handler)
         except (OSError, OverflowError) as error:
@@ -130,10 +134,26 @@ class ViewerServer(ThreadingHTTPServer):
         self.hosts = tuple(f"{name}:{self.server_port}" for name in (ADDRESS, "localhost"))
         self.address = f"http://{ADDRESS}:{self.server_port}/{self.token}/"
 
+    def get_request(self) -> tuple[socket.socket, Any]:
+        """A connection, which is remembered, as browsers keep them open."""
+        connection, client = super().get_request()
+        self._connections.add(connection)
+        return connection, client
+
+    def shutdown_request(self, request: Any) -> None:
+        """A connection is over."""
+        self._connections.discard(request)
+        super().shutdown_request(request)
+
+    def server_close(self) -> None:
+        """Close the door, and the connections that are open."""
+        super().server_close()
+        for connection in tuple(self._connections):
+            with suppress(OSError):
+                connection.shutdown(socket.SHUT_RDWR)
+
     def handle_error(self, request: Any, client_address: Any) -> None:
         """A browser that leaves in the middle of an answer is no error; anything else is."""
-        import sys
-
         if not isinstance(sys.exc_info()[1], ConnectionError):
             super().handle_error(request, client_address)
 

@@ -125,7 +125,7 @@
     controls() {
       const ends = scene.range || (facts.maps[0] || { span: [-1, 1] }).span;
       const wide = 0.15 * (ends[1] - ends[0]);
-      this.slider("focus", ends[0] - wide, ends[1] + wide, (value) => { this.look.focus = value; }, () => `${this.look.focus.toFixed(3)} px`);
+      this.slider("focus", ends[0] - wide, ends[1] + wide, (value) => { this.look.focus = Number(value.toFixed(4)); }, () => `${this.look.focus.toFixed(3)} px`);
       this.slider("aperture", 0, farthest, (value) => this.setAperture(value), () => this.look.all ? "all views"
         : this.look.aperture === 0 ? "pinhole" : `± ${this.look.aperture.toFixed(2)} steps`);
       this.slider("past-limit", ends[0], ends[1], (value) => { this.look.limit = value; }, () => `${this.look.limit.toFixed(3)} px`, "past-value");
@@ -475,12 +475,13 @@
     pointer() {
       const canvas = $("canvas"), fingers = new Map();
       const place = (event) => { const box = canvas.getBoundingClientRect(); return [event.clientX - box.left, event.clientY - box.top]; };
-      let moved = 0, pinch = null;
+      let moved = 0, pinch = null, grabbed = "picture"; // what a drag began on
       canvas.addEventListener("pointerdown", (event) => {
         canvas.setPointerCapture(event.pointerId);
         fingers.set(event.pointerId, place(event));
         moved = fingers.size > 1 ? 99 : 0;
         pinch = null;
+        grabbed = this.state.layers[this.state.layout === "one" ? 0 : this.paneAt(...place(event))[0]];
       });
       canvas.addEventListener("pointermove", (event) => {
         const at = place(event), before = fingers.get(event.pointerId);
@@ -492,9 +493,7 @@
         if (moved < 4) return;
         const aside = event.shiftKey || event.buttons > 1;
         if (this.state.mode === "solid") { if (aside) this.solid.slide(dx, dy, this.stage.height); else this.solid.turn(dx, dy); this.touch(); return; }
-        const [number] = this.paneAt(...at);
-        const onPicture = this.state.layers[this.state.layout === "one" ? 0 : number] === "picture";
-        if (aside || !onPicture || this.look.mode !== "plane") { this.stage.move(-dx / this.stage.zoom, -dy / this.stage.zoom); this.touch(); return; }
+        if (aside || grabbed !== "picture" || this.look.mode !== "plane") { this.stage.move(-dx / this.stage.zoom, -dy / this.stage.zoom); this.touch(); return; }
         // Across a quarter of the stage the camera goes from one end of the grid to the other; it follows the hand's
         // view of the scene: what is near moves with the hand.
         const step = 4 / Math.min(this.stage.width, this.stage.height);
@@ -575,7 +574,7 @@
         parts.push(["truth", Number.isFinite(t) ? `${t.toFixed(4)} px` : "unknown"]);
         if (Number.isFinite(t) && this.state.a) parts.push(["error", (this.state.a.disparity[i] - t).toFixed(4)]);
       }
-      $("readout").replaceChildren(...parts.map(([name, value]) => element("span", {}, `${name} `, element("b", { textContent: String(value) }))));
+      $("readout").replaceChildren(...parts.map(([name, value]) => element("span", {}, `${name} `, element("b", { textContent: String(value) }), " ")));
     }
 
     click(at) {

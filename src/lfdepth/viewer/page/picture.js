@@ -14,11 +14,11 @@
       float plane = focus, nearest = limit;
       if (mode == 1) { plane = texelFetch(map, ivec2(at), 0).r; nearest = plane + jump; }
       vec3 all = vec3(0), behind = vec3(0); float weight = 0., seeing = 0.;
-      vec2 last = size - 1. + 1e-4;
+      vec2 last = size - 1. + 5e-5;
       for (int k = 0; k < count; k++) {
         vec4 view = texelFetch(table, ivec2(k, 0), 0); // u, v, layer, weight
         vec2 place = at + plane * (camera - view.xy);
-        if (any(lessThan(place, vec2(-1e-4))) || any(greaterThan(place, last))) continue;
+        if (any(lessThan(place, vec2(-5e-5))) || any(greaterThan(place, last))) continue;
         vec3 sampled = textureLod(views, vec3((place + .5) / size, view.z), 0.).rgb * view.w;
         all += sampled; weight += view.w;
         if (mode != 0) {
