@@ -69,9 +69,7 @@ def test_xarray_has_the_maps_and_their_units(result: lfdepth.Result) -> None:
     assert "sigma" not in result.to_xarray()
 
 
-def test_the_viewer_is_one_page_in_a_frame(
-    lf: LightField, result: lfdepth.Result, tmp_path: Path
-) -> None:
+def test_the_viewer_is_one_page_in_a_frame(lf: LightField, result: lfdepth.Result, tmp_path: Path) -> None:
     page = lfdepth.view(lf, result, result.disparity, names=("mine",))
     text = page._repr_html_()
     assert text.startswith("<iframe srcdoc=")
