@@ -253,6 +253,25 @@ def test_refocusing_is_that_of_lfdepth_refocus(page: Any, lf: LightField, dispar
     assert np.abs(picture(page) - wanted).max() <= LEVELS
 
 
+@pytest.mark.parametrize("by", [1, 2])
+def test_previews_of_slow_machines_are_exact_on_whole_disparities(page: Any, lf: LightField, by: int) -> None:
+    """They shift views by whole pixels, and take every so many pixels."""
+    look(page, aperture=2, all=True, focus=1)
+    page.evaluate("while (!LF.app.picture.software.ready(LF.app.look, LF.app.picture.chosen(LF.app.look)));")
+    page.evaluate(
+        """(by) => {
+          const { picture, look } = LF.app, target = by === 1 ? picture.finest : picture.coarser[0];
+          picture.software.draw(look, target, picture.chosen(look));
+          picture.testing = target.sums.out;
+        }""",
+        by,
+    )
+    size = HEIGHT // by, WIDTH // by, 4
+    preview = samples(page, "LF.app.picture.testing", "u1").reshape(size)[..., :3].astype(int)
+    wanted = lfdepth.refocus(lf, 1)[by // 2 :: by, by // 2 :: by].astype(int)
+    assert np.abs(preview - wanted).max() <= 1
+
+
 def test_a_smaller_aperture_takes_the_views_inside(page: Any, lf: LightField) -> None:
     look(page, aperture=1, focus=0.5)
     assert np.abs(picture(page) - lfdepth.refocus(lf.angular_crop(3, 3), 0.5).astype(int)).max() <= LEVELS

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 LARGEST = 1 << 30
 """Bytes that the views may take on the graphics processor."""
 
-MOST_VIEWS = 2048
-"""Layers that a texture has at most where WebGL 2 does not promise less."""
+MOST_VIEWS = 1024
+"""Views that one shader can go through in every browser."""
 
 _COLOURS = {"viridis": "viridis", "cividis": "cividis", "grey": "gray", "signed": "RdBu_r"}
 

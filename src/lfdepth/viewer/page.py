@@ -27,7 +27,17 @@ from lfdepth.viewer.document import (
     view_samples,
 )
 
-SCRIPTS = ("data.js", "gl.js", "picture.js", "stage.js", "solid.js", "why.js", "live.js", "app.js")
+SCRIPTS = (
+    "data.js",
+    "gl.js",
+    "software.js",
+    "picture.js",
+    "stage.js",
+    "solid.js",
+    "why.js",
+    "live.js",
+    "app.js",
+)
 """In the order in which they run."""
 
 QUALITY = 90

@@ -14,7 +14,7 @@
         ends: [0, 1], limit: 0.3, a: null, b: null, pixel: null };
       this.maps = new Map();
       this.truth = null;
-      this.dirty = { picture: true, stage: true };
+      this.dirty = { picture: true, stage: true, words: true };
     }
 
     async start() {
@@ -316,7 +316,7 @@
       const { a, b, ends, colours, limit } = this.state, [place, name] = key.split("/"), map = this.state[place];
       const signed = { colours: "signed", ends: [-limit, limit] };
       const unit = "px per view step";
-      if (key === "picture") return { kind: 0, first: this.picture.shown.texture };
+      if (key === "picture") return { kind: 0, first: this.picture.shown.texture, coarse: this.picture.shown !== this.picture.finest };
       if (key === "truth") return { kind: 1, first: this.truth.texture, colours, ends, unit };
       if (key === "difference") return { kind: 2, first: a.textures.disparity, second: b.textures.disparity, ...signed, unit: `first − second, ${unit}` };
       if (key === "better") return { kind: 3, first: a.textures.disparity, second: b.textures.disparity, truth: this.truth.texture, ...signed, unit: "blue: first map nearer, red: second" };
@@ -375,39 +375,51 @@
 
     // --- drawing
 
-    touch(picture = false) { this.dirty.stage = true; if (picture) this.dirty.picture = true; }
+    // Something has changed: where and what is shown, or only the picture itself.
+    touch(picture = false) {
+      this.dirty.words = true;
+      if (picture && this.state.mode === "pictures") this.dirty.picture = true; else this.dirty.stage = true;
+    }
 
     frame() {
       requestAnimationFrame(() => this.frame());
       if (!this.picture.loaded.length) return;
       const now = performance.now();
       const seen = this.state.mode === "pictures" && (this.state.layers[0] === "picture" || (this.state.layout !== "one" && this.state.layers[1] === "picture"));
+      let news = false;
       if (this.dirty.picture && seen) {
         this.picture.quick(this.look);
         this.movedAt = now;
-        this.dirty.picture = false; this.dirty.stage = true;
-      } else if (seen && !this.picture.exact && now - this.movedAt > 150) {
-        if (this.picture.finish(this.look)) this.dirty.stage = true;
-      }
-      if (!this.dirty.stage) return;
+        this.dirty.picture = false;
+        news = true;
+      } else if (seen && !this.picture.exact && now - this.movedAt > 150) news = this.picture.finish(this.look);
+      if (this.dirty.words || news) this.words();
+      if (!this.dirty.stage && !news) return;
+      const only = !this.dirty.stage; // nothing but the picture has changed
       this.dirty.stage = false;
-      this.render();
+      this.render(only);
     }
 
-    render() {
+    render(only = false) {
       const around = this.background();
       if (this.state.mode === "solid") {
         const canvas = $("canvas");
         if (this.state.a) this.solid.draw(this.state.a, this.picture, canvas.width, canvas.height, around);
       } else {
-        const layers = this.state.layers.slice(0, this.state.layout === "one" ? 1 : 2).map((key) => this.spec(key));
+        const layers = this.state.layers.slice(0, this.state.layout === "one" ? 1 : 2)
+          .map((key) => (only && key !== "picture" ? null : this.spec(key)));
         this.stage.draw(layers, this.state.layout, this.state.split, around);
       }
+      if (!only) this.drawMarks();
+    }
+
+    // What the panel says of the picture, and the place of the camera in the grid.
+    words() {
+      this.dirty.words = false;
       for (const show of this.outputs) show();
       const quality = this.picture.quality;
       $("quality").textContent = !quality || this.picture.exact ? "" : `Preview while something moves: ${quality.views} of ${quality.of} views` +
-        (quality.share < 1 ? `, ${Math.round(1 / Math.sqrt(quality.share))} times coarser.` : ".");
-      this.drawMarks();
+        (quality.share < 0.9 ? `, ${Math.round(1 / Math.sqrt(quality.share))} times coarser.` : ", whole pixels.");
       this.moveDot();
     }
 

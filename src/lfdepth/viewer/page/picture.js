@@ -3,9 +3,12 @@
 // The point that the reference view shows at x with disparity D is at x − D·u in view u; a camera at u0 that is
 // focused on D therefore samples view u at x + D·(u0 − u). This is lfdepth.refocus for u0 = 0 and all views.
 (() => {
-  const FRAGMENT = `#version 300 es
+  const MOST = 1024; // views: as many as every WebGL 2 holds in a block of uniforms
+
+  const fragment = (sample) => `#version 300 es
     precision highp float; precision highp int; precision highp sampler2DArray; precision highp isampler2DArray;
-    uniform sampler2DArray views; uniform isampler2DArray fronts; uniform sampler2D table, map;
+    uniform sampler2DArray views; uniform isampler2DArray fronts; uniform sampler2D map;
+    layout(std140) uniform Chosen { vec4 chosen[${MOST}]; }; // u, v, layer, weight
     uniform int count, reference, mode; // mode 0: a plane; 1: every pixel at its own disparity; 2: past what is near
     uniform float focus, limit, jump, scale; uniform vec2 size, camera;
     out vec4 colour;
@@ -16,10 +19,10 @@
       vec3 all = vec3(0), behind = vec3(0); float weight = 0., seeing = 0.;
       vec2 last = size - 1. + 5e-5;
       for (int k = 0; k < count; k++) {
-        vec4 view = texelFetch(table, ivec2(k, 0), 0); // u, v, layer, weight
+        vec4 view = chosen[k];
         vec2 place = at + plane * (camera - view.xy);
         if (any(lessThan(place, vec2(-5e-5))) || any(greaterThan(place, last))) continue;
-        vec3 sampled = textureLod(views, vec3((place + .5) / size, view.z), 0.).rgb * view.w;
+        vec3 sampled = ${sample}.rgb * view.w;
         all += sampled; weight += view.w;
         if (mode != 0) {
           float front = float(texelFetch(fronts, ivec3(clamp(place, vec2(0), size - 1.), view.z), 0).r) * .001;
@@ -30,6 +33,9 @@
       else if (mode == 1) { all = texelFetch(views, ivec3(at, reference), 0).rgb; weight = 1.; }
       colour = weight > 0. ? vec4(all / weight, 1) : vec4(.5, .5, .5, 1);
     }`;
+
+  const EXACT = "textureLod(views, vec3((place + .5) / size, view.z), 0.)";
+  const FAST = "texelFetch(views, ivec3(place + .5, view.z), 0)"; // half the time where a processor draws
 
   const NOTHING = -32768, PARTS = 1000;
 
@@ -76,22 +82,30 @@
   }
 
   const BUDGET = 24; // ms for a picture while something moves
+  const SLOW = 100; // ms for an exact picture from which on no graphics processor seems to be there
 
   class Picture {
     constructor(gl) {
       const { scene } = LF, { width, height } = scene;
-      Object.assign(this, { gl, width, height, loaded: [], cost: 4e-6, exact: false, pending: 0 });
-      this.program = new LF.Program(gl, FRAGMENT);
+      Object.assign(this, { gl, width, height, loaded: [], cost: [4e-6, 2e-6], exact: false, pending: 0 });
+      this.program = new LF.Program(gl, fragment(EXACT));
+      this.preview = new LF.Program(gl, fragment(FAST));
       this.views = LF.texture(gl, gl.TEXTURE_2D_ARRAY, "LINEAR");
       this.layers = scene.present.length;
-      if (this.layers > gl.getParameter(gl.MAX_ARRAY_TEXTURE_LAYERS))
-        throw new Error(`This browser holds ${gl.getParameter(gl.MAX_ARRAY_TEXTURE_LAYERS)} views, ` +
-          `the scene has ${this.layers}: use --views.`);
+      const most = Math.min(gl.getParameter(gl.MAX_ARRAY_TEXTURE_LAYERS), MOST);
+      if (this.layers > most)
+        throw new Error(`This browser holds ${most} views, the scene has ${this.layers}: use --views.`);
       gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, gl.RGB8, width, height, this.layers);
-      this.table = LF.texture(gl, gl.TEXTURE_2D, "NEAREST");
+      this.table = gl.createBuffer();
+      gl.bindBufferBase(gl.UNIFORM_BUFFER, 0, this.table);
+      gl.bufferData(gl.UNIFORM_BUFFER, 16 * MOST, gl.DYNAMIC_DRAW);
+      for (const { program } of [this.program, this.preview])
+        gl.uniformBlockBinding(program, gl.getUniformBlockIndex(program, "Chosen"), 0);
       this.finest = LF.target(gl, width, height);
       this.coarser = [2, 4].map((by) => LF.target(gl, Math.ceil(width / by), Math.ceil(height / by)));
       this.shown = this.finest;
+      this.software = new LF.Software(this);
+      this.nothing = LF.floatTexture(gl, new Float32Array(1), 1, 1);
       this.fronts = null; this.frontsOf = null; this.map = null;
       this.reference = scene.centre[0] * scene.grid[1] + scene.centre[1];
     }
@@ -128,21 +142,18 @@
     }
 
     draw(look, target, views, rows) {
-      const gl = this.gl, data = new Float32Array(views.flat());
-      gl.activeTexture(gl.TEXTURE0);
-      gl.bindTexture(gl.TEXTURE_2D, this.table);
-      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32F, Math.max(views.length, 1), 1, 0, gl.RGBA, gl.FLOAT,
-        views.length ? data : new Float32Array(4));
+      const gl = this.gl;
+      gl.bindBuffer(gl.UNIFORM_BUFFER, this.table);
+      gl.bufferSubData(gl.UNIFORM_BUFFER, 0, new Float32Array(views.flat()));
       const mode = this.fronts && this.map ? { plane: 0, sharp: 1, past: 2 }[look.mode] : 0;
       gl.bindFramebuffer(gl.FRAMEBUFFER, target.frame);
       gl.viewport(0, 0, target.width, target.height);
       gl.enable(gl.SCISSOR_TEST);
       gl.scissor(0, rows[0], target.width, rows[1] - rows[0]);
-      this.program.use({
-        table: { unit: 0, texture: this.table },
+      (target === this.finest ? this.program : this.preview).use({
         views: { unit: 1, target: gl.TEXTURE_2D_ARRAY, texture: this.views },
         fronts: { unit: 2, target: gl.TEXTURE_2D_ARRAY, texture: this.fronts || this.none() },
-        map: { unit: 3, texture: this.map || this.table },
+        map: { unit: 3, texture: this.map || this.nothing },
         count: { int: views.length }, reference: { int: this.reference }, mode: { int: mode },
         focus: look.focus, limit: look.limit, jump: LF.scene.jump, scale: this.width / target.width,
         size: [this.width, this.height], camera: [look.camera[1], look.camera[0]],
@@ -163,24 +174,34 @@
 
     // Waits for the graphics processor, and learns what a sample costs.
     measure(target, samples, started) {
-      const gl = this.gl;
+      const gl = this.gl, kind = target === this.finest ? 0 : 1;
       gl.bindFramebuffer(gl.FRAMEBUFFER, target.frame);
       gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
       gl.bindFramebuffer(gl.FRAMEBUFFER, null);
       const spent = performance.now() - started;
-      this.cost = 0.6 * this.cost + 0.4 * spent / Math.max(samples, 1e4);
+      this.cost[kind] = 0.6 * this.cost[kind] + 0.4 * spent / Math.max(samples, 1e4);
       return spent;
     }
 
     // The picture as fine as there is time for while something moves; `finish` makes it exact afterwards.
     quick(look) {
       const full = this.chosen(look), area = this.width * this.height;
+      if (area * full.length * this.cost[0] > SLOW && this.software.ready(look, full)) {
+        const fits = (target) => target.width * target.height * full.length * this.software.cost <= BUDGET;
+        const target = [this.finest, ...this.coarser].find(fits) || this.coarser.at(-1);
+        const spent = this.software.draw(look, target, full);
+        this.shown = target;
+        this.exact = false;
+        this.quality = { share: (target.width * target.height) / area, views: full.length, of: full.length, spent };
+        this.pending = 0;
+        return;
+      }
       const choices = [[this.finest, 1], [this.coarser[0], 1], [this.coarser[0], 2], [this.coarser[1], 2],
         [this.coarser[1], 4]];
       for (const [target, thin] of choices) {
         const views = thin === 1 ? full : this.chosen(look, thin);
         const samples = target.width * target.height * views.length;
-        if (samples * this.cost > BUDGET && thin !== 4) continue;
+        if (samples * this.cost[target === this.finest ? 0 : 1] > BUDGET && thin !== 4) continue;
         const started = performance.now();
         this.draw(look, target, views, [0, target.height]);
         const spent = this.measure(target, samples, started);
@@ -196,7 +217,7 @@
     finish(look) {
       if (this.exact) return true;
       const views = this.chosen(look), each = this.width * views.length;
-      const rows = Math.max(4, Math.floor(40 / (each * this.cost)));
+      const rows = Math.max(4, Math.floor(40 / (each * this.cost[0])));
       const end = Math.min(this.pending + rows, this.height), started = performance.now();
       this.draw(look, this.finest, views, [this.pending, end]);
       this.measure(this.finest, (end - this.pending) * each, started);

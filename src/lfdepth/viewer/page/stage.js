@@ -1,34 +1,41 @@
 "use strict";
 // One or two panes that show layers (the picture, maps, errors) with one zoom and one place.
 (() => {
-  const FRAGMENT = `#version 300 es
+  // A program for each kind of layer, as a renderer without a graphics processor goes through every branch.
+  // 0: picture, nearest pixel; 1: values; 2: first − second; 3: |first − truth| − |second − truth|; 4: picture, smooth
+  const fragment = (kind) => `#version 300 es
+    #define kind ${kind}
     precision highp float;
-    uniform sampler2D first, second, colours;
-    uniform int kind; // 0: picture, 1: values, 2: first − second, 3: |first − truth| − |second − truth|
-    uniform sampler2D truth;
+    uniform sampler2D first, second, truth, colours;
     uniform vec2 middle, centre, size, ends; uniform float zoom; uniform vec3 around;
     out vec4 colour;
     float value(ivec2 at) {
       float a = texelFetch(first, at, 0).r;
-      if (kind == 1) return a;
+      #if kind == 1
+      return a;
+      #else
       float b = texelFetch(second, at, 0).r;
-      if (kind == 2) return a - b;
+      #if kind == 2
+      return a - b;
+      #else
       float t = texelFetch(truth, at, 0).r;
       return abs(a - t) - abs(b - t);
+      #endif
+      #endif
     }
     void main() {
       vec2 at = centre + vec2(1, -1) * (gl_FragCoord.xy - middle) / zoom;
       if (any(lessThan(at, vec2(0))) || any(greaterThanEqual(at, size))) { colour = vec4(around, 1); return; }
-      if (kind == 0) {
-        vec2 held = vec2(textureSize(first, 0));
-        bool fine = zoom >= 1.5 && held == size;
-        colour = vec4(fine ? texelFetch(first, ivec2(at), 0).rgb : textureLod(first, at / size, 0.).rgb, 1);
-        return;
-      }
+      #if kind == 0
+      colour = vec4(texelFetch(first, ivec2(at), 0).rgb, 1);
+      #elif kind == 4
+      colour = vec4(textureLod(first, at / size, 0.).rgb, 1);
+      #else
       float found = value(ivec2(at));
       if (isnan(found) || isinf(found)) { colour = vec4(vec3(160. / 255.), 1); return; }
       float share = clamp((found - ends.x) / (ends.y - ends.x), 0., 1.);
       colour = vec4(texelFetch(colours, ivec2(min(share * 256., 255.), 0), 0).rgb, 1);
+      #endif
     }`;
 
   class Stage {
@@ -38,7 +45,7 @@
         "or switch hardware acceleration on.");
       if (!gl.getExtension("EXT_color_buffer_float")) gl.getExtension("EXT_color_buffer_half_float");
       Object.assign(this, { canvas, gl, zoom: 1, centre: [LF.scene.width / 2, LF.scene.height / 2], fitted: true });
-      this.program = new LF.Program(gl, FRAGMENT);
+      this.programs = [0, 1, 2, 3, 4].map((kind) => new LF.Program(gl, fragment(kind)));
       this.colours = {};
       for (const [name, table] of Object.entries(LF.facts.colours))
         this.colours[name] = LF.colourTexture(gl, LF.bytesOf(table));
@@ -95,16 +102,18 @@
       return [left + w / 2 + (x - this.centre[0]) * this.zoom, top + h / 2 + (y - this.centre[1]) * this.zoom];
     }
 
-    // Draws layers: [{kind, first, second, colours, ends}], a pane each; with `split` both in one place.
+    // Draws layers: [{kind, first, second, colours, ends}], a pane each; with `split` both in one place. Layers that
+    // are null stay as they were drawn before.
     draw(layers, layout, split, around) {
       const gl = this.gl, places = this.places(layout), density = this.density;
       gl.bindFramebuffer(gl.FRAMEBUFFER, null);
       gl.disable(gl.DEPTH_TEST);
       gl.clearColor(...around, 1);
       gl.viewport(0, 0, this.canvas.width, this.canvas.height);
-      gl.clear(gl.COLOR_BUFFER_BIT);
+      if (layers.every((layer) => layer)) gl.clear(gl.COLOR_BUFFER_BIT);
       gl.enable(gl.SCISSOR_TEST);
       layers.forEach((layer, number) => {
+        if (!layer) return;
         let [left, top, w, h] = places[number];
         const middle = [(left + w / 2) * density, this.canvas.height - (top + h / 2) * density];
         if (layout === "slider") {
@@ -113,11 +122,12 @@
         }
         gl.scissor(Math.round(left * density), Math.round(this.canvas.height - (top + h) * density),
           Math.round(w * density), Math.round(h * density));
-        this.program.use({
+        const smooth = layer.kind === 0 && (this.zoom * density < 1.5 || layer.coarse);
+        this.programs[smooth ? 4 : layer.kind].use({
           first: { unit: 0, texture: layer.first }, second: { unit: 1, texture: layer.second || layer.first },
           truth: { unit: 2, texture: layer.truth || layer.first },
           colours: { unit: 3, texture: this.colours[layer.colours || "viridis"] },
-          kind: { int: layer.kind }, middle, centre: this.centre, size: [LF.scene.width, LF.scene.height],
+          middle, centre: this.centre, size: [LF.scene.width, LF.scene.height],
           ends: layer.ends || [0, 1], zoom: this.zoom * density, around,
         });
         gl.drawArrays(gl.TRIANGLES, 0, 3);
