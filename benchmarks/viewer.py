@@ -1,10 +1,11 @@
 """The viewer in figures: frames per second, size of an exported page, time of the evidence of a pixel.
 
 python benchmarks/viewer.py [SCENE]
+python benchmarks/viewer.py --picture docs/images/viewer.jpg
 
 Without a scene, one of 9×9 views of 512×512 px is made up. Frames are drawn by the system's Chromium, as here
 by default in software (SwiftShader). A frame is timed until its pixels can be read; processor time is that of
-all of Chromium.
+all of Chromium. The picture is that of docs/viewer.md, of the demo's scene.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ import shutil
 import statistics
 import tempfile
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -22,8 +25,9 @@ import numpy as np
 import psutil
 
 import lfdepth
+from lfdepth import scenes
 from lfdepth.lightfield import LightField
-from lfdepth.viewer.document import shown_map
+from lfdepth.viewer.document import ShownMap, shown_map
 from lfdepth.viewer.evidence import Explainer
 from lfdepth.viewer.page import export
 from lfdepth.viewer.server import Viewer, ViewerServer
@@ -78,7 +82,13 @@ def main() -> None:
     parser.add_argument(
         "--gpu", action="store_true", help="draw with the graphics processor, if Chromium finds one"
     )
+    parser.add_argument(
+        "--picture", type=Path, help="take this picture of the page, .jpg, and measure nothing"
+    )
     arguments = parser.parse_args()
+    if arguments.picture:
+        _take_picture(arguments.picture)
+        return
     lf = lfdepth.read(arguments.scene) if arguments.scene else made_up()
     known = np.zeros(lf.shape[2:4], np.float32) if lf.truth is None else np.nan_to_num(lf.truth)
     v, u, height, width, _ = lf.shape
@@ -101,33 +111,51 @@ def _time_evidence(lf: LightField, known: np.ndarray) -> None:
     print(f"evidence of a pixel: median {statistics.median(spent):.3f} s, fastest {min(spent):.3f} s")
 
 
-def _time_frames(lf: LightField, known: np.ndarray, flags: list[str]) -> None:
+@contextmanager
+def _open_page(lf: LightField, shown: ShownMap, flags: list[str]) -> Iterator[Any]:
+    """A page of a light field in Chromium, its views loaded."""
     from playwright.sync_api import sync_playwright
 
     program = shutil.which("chromium") or shutil.which("google-chrome")
-    with (
-        ViewerServer(Viewer(lf, [shown_map(known, lf, 0, "truth")])) as server,
-        sync_playwright() as playwright,
-    ):
+    with ViewerServer(Viewer(lf, [shown])) as server, sync_playwright() as playwright:
         Thread(target=server.serve_forever, daemon=True).start()
         browser = playwright.chromium.launch(executable_path=program, args=flags)
-        page = browser.new_page(viewport={"width": 1280, "height": 800})
+        page = browser.new_page(viewport={"width": 1280, "height": 760})
         page.goto(server.address, timeout=120000)
         while not page.evaluate("!!LF.app.ready"):
             time.sleep(0.1)
+        yield page
+        browser.close()
+        server.shutdown()
+
+
+def _take_picture(path: Path) -> None:
+    """The page as docs/viewer.md shows it: a view, its map, and the evidence of a pixel beside an edge."""
+    lf = scenes.render("demo", size=320)
+    result = lfdepth.estimate(lf)
+    with _open_page(lf, shown_map(result, lf, 0, "fbs-vis"), [*FLAGS, *SOFTWARE]) as page:
+        edges = np.abs(np.diff(result.disparity, axis=1)) > 0.3
+        y, x = np.argwhere(edges[100:220, 60:260])[0] + (100, 60)
+        page.evaluate("([x, y]) => { LF.app.state.pixel = [x, y]; return LF.app.why(); }", [int(x), int(y)])
+        page.evaluate("document.getElementById('why-panel').scrollIntoView()")
+        page.evaluate("([x, y]) => { LF.app.readout(x, y); LF.app.touch(); }", [int(x), int(y)])
+        page.wait_for_timeout(3000)
+        page.screenshot(path=path, type="jpeg", quality=85)
+
+
+def _time_frames(lf: LightField, known: np.ndarray, flags: list[str]) -> None:
+    with _open_page(lf, shown_map(known, lf, 0, "truth"), flags) as page:
         page.evaluate(FRAMES, 30)  # learns what a sample costs
         processes = psutil.Process().children(recursive=True)
         before = _spent(processes)
         found: dict[str, Any] = page.evaluate(FRAMES, 60)
         per_frame = (_spent(processes) - before) / 60
         exact = page.evaluate(EXACT)
-        browser.close()
-        server.shutdown()
     typical, quality = statistics.median(found["spent"]), found["quality"]
     print(
         f"refocusing: {1000 / typical:.0f} frames per second while the focus moves ({typical:.0f} ms a "
-        f"frame, {1000 * per_frame:.0f} ms of processor time), of {quality['views']} of {quality['of']} views "
-        f"at 1/{quality['share'] ** -0.5:.0f} of the width; exact {exact:.0f} ms after it rests"
+        f"frame, {1000 * per_frame:.0f} ms of processor time), of {quality['views']} of {quality['of']} "
+        f"views at 1/{quality['share'] ** -0.5:.0f} of the width; exact {exact:.0f} ms after it rests"
     )
 
 

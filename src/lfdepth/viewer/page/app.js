@@ -418,7 +418,7 @@
       this.dirty.words = false;
       for (const show of this.outputs) show();
       const quality = this.picture.quality;
-      $("quality").textContent = !quality || this.picture.exact ? "" : `Preview while something moves: ${quality.views} of ${quality.of} views` +
+      $("quality").textContent = !quality || this.picture.exact || this.state.mode !== "pictures" ? "" : `Preview while something moves: ${quality.views} of ${quality.of} views` +
         (quality.share < 0.9 ? `, ${Math.round(1 / Math.sqrt(quality.share))} times coarser.` : ", whole pixels.");
       this.moveDot();
     }
@@ -596,9 +596,11 @@
       this.state.pixel = pixel;
       this.readout(...pixel);
       if ($("click-focus").checked) this.focusOn(...pixel);
-      else if (matchMedia("(min-width: 761px)").matches) { $("why-panel").open = true; $("why-panel").scrollIntoView({ block: "start" }); }
       this.touch();
-      return this.why();
+      const wide = matchMedia("(min-width: 761px)").matches && !$("click-focus").checked;
+      return this.why().then(() => {
+        if (wide) { $("why-panel").open = true; $("why-panel").scrollIntoView({ block: "start" }); }
+      });
     }
 
     // --- why

@@ -179,6 +179,7 @@
       gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
       gl.bindFramebuffer(gl.FRAMEBUFFER, null);
       const spent = performance.now() - started;
+      if (samples < 5e5 && this.cost[kind] * 5e5 < BUDGET) return spent; // too few to tell from what a draw costs anyway
       this.cost[kind] = 0.6 * this.cost[kind] + 0.4 * spent / Math.max(samples, 1e4);
       return spent;
     }
