@@ -33,12 +33,15 @@ if TYPE_CHECKING:
     from lfdepth.result import Result
     from lfdepth.scoring import evaluate
     from lfdepth.trace import Trace
+    from lfdepth.viewer.evidence import Evidence, explain
+    from lfdepth.viewer.notebook import view
 
 
 # Where each public name lives; resolved on first use so that `import lfdepth` costs next to nothing.
 _HOMES = {
     "Camera": "lfdepth.camera",
     "Equalisation": "lfdepth.probe.brightness",
+    "Evidence": "lfdepth.viewer.evidence",
     "LightField": "lfdepth.lightfield",
     "LightFieldError": "lfdepth.errors",
     "Method": "lfdepth.methods",
@@ -49,6 +52,7 @@ _HOMES = {
     "equalise": "lfdepth.probe.brightness",
     "estimate": "lfdepth.estimation",
     "evaluate": "lfdepth.scoring",
+    "explain": "lfdepth.viewer.evidence",
     "find_range": "lfdepth.probe.ranges",
     "foreground_masks": "lfdepth.render.refocus",
     "measure_brightness": "lfdepth.probe.brightness",
@@ -58,6 +62,7 @@ _HOMES = {
     "read_disparity": "lfdepth.io",
     "refine_positions": "lfdepth.probe.geometry",
     "refocus": "lfdepth.render.refocus",
+    "view": "lfdepth.viewer.notebook",
     "with_aspect": "lfdepth.probe.geometry",
     "write": "lfdepth.io",
     "write_masks": "lfdepth.render.refocus",
@@ -67,6 +72,7 @@ _HOMES = {
 __all__ = [
     "Camera",
     "Equalisation",
+    "Evidence",
     "LightField",
     "LightFieldError",
     "Method",
@@ -77,6 +83,7 @@ __all__ = [
     "equalise",
     "estimate",
     "evaluate",
+    "explain",
     "find_range",
     "foreground_masks",
     "measure_brightness",
@@ -86,6 +93,7 @@ __all__ = [
     "read_disparity",
     "refine_positions",
     "refocus",
+    "view",
     "with_aspect",
     "write",
     "write_masks",

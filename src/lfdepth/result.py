@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from lfdepth.errors import LightFieldError
 
 if TYPE_CHECKING:
     from lfdepth.methods.base import Method
@@ -69,3 +72,52 @@ class Result:
     equalisation: Equalisation | None = None
     sigma: NDArray[np.float32] | None = None
     checks: Checks | None = None
+
+    def to_xarray(self) -> Any:
+        """The maps as an `xarray.Dataset`.
+
+        Returns
+        -------
+        xarray.Dataset
+            Variables disparity, confidence and, where it is known, sigma, over the dimensions y and x; units
+            in their attributes, the method and its parameters in those of the dataset.
+
+        Raises
+        ------
+        LightFieldError
+            If xarray is not installed.
+        """
+        try:
+            xarray = import_module("xarray")
+        except ImportError:
+            raise LightFieldError(
+                "to_xarray: the package xarray is not installed; expected it; run: pip install xarray"
+            ) from None
+        units = {"disparity": "px per view step", "confidence": "1", "sigma": "px per view step"}
+        maps = {name: getattr(self, name) for name in units}
+        height, width = self.disparity.shape
+        return xarray.Dataset(
+            {
+                name: (("y", "x"), values, {"units": units[name]})
+                for name, values in maps.items()
+                if values is not None
+            },
+            coords={
+                "y": ("y", np.arange(height), {"units": "px"}),
+                "x": ("x", np.arange(width), {"units": "px"}),
+            },
+            attrs={
+                "method": self.method.name,
+                "parameters": str(self.method.parameters()),
+                "range": self.range,
+                "version": self.version,
+            },
+        )
+
+    def _repr_html_(self) -> str:
+        """For notebooks: the map, its range, and the checks."""
+        return str(import_module("lfdepth.viewer.notebook").result_html(self))
+
+    def _repr_png_(self) -> bytes:
+        """For notebooks: the map."""
+        return bytes(import_module("lfdepth.viewer.notebook").result_png(self))

@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.blocks.gloss import WEIGHT, FineCount, outermost, replace_shares, suspects
-from lfdepth.blocks.noise import ramp, residual, texture_weight, threshold_bounds
+from lfdepth.blocks.gloss import WEIGHT, FineCount, outermost, replace_shares, suspects, touched
+from lfdepth.blocks.noise import Residual, ramp, residual, texture_weight, threshold_bounds
 from lfdepth.blocks.photo import local_thresholds, thinned
 from lfdepth.blocks.smoothing import GuidedFilter
 from lfdepth.blocks.surface import fit_surfaces
@@ -91,6 +91,9 @@ class JointEnergy:
     trace
         Takes note of time. May keep of every decision "sign energies", "joint energies" and "shares" in
         [0, 1], (K, H, W); "paths", the disparity (H, W) before planes are fitted; and "decisions".
+    noise
+        Levels at which views differ for no reason, where `lf` is a piece of the light field that they were
+        measured in; None measures them here.
     """
 
     def __init__(
@@ -103,6 +106,7 @@ class JointEnergy:
         stride: int = 1,
         engine: Engine | None = None,
         trace: Trace | None = None,
+        noise: Residual | None = None,
     ) -> None:
         self.planes = planes
         self.rule = rule
@@ -114,7 +118,7 @@ class JointEnergy:
         grid = lf.shape[0], lf.shape[1]
         held = thinned(lf.available, sparse=False) | outermost(grid)  # views that any count looks at
         self._colours = self._engine.colour_views(lf, float(np.abs(planes).max()), held)
-        self._residual = residual(lf, planes, engine=self._engine)
+        self._residual = noise or residual(lf, planes, engine=self._engine)
         low, high = threshold_bounds(self._residual.noise)
         self._thresholds = local_thresholds(lf.reference, low=low, high=high)
         self._bounds = self._engine.upload(self._thresholds)
@@ -150,11 +154,16 @@ class JointEnergy:
             self._count(index)
             yield index
 
-    def replace_glossy(self) -> None:
-        """Leave glossy pixels to the photo votes of high-passed views (`gloss`), after `recount`."""
+    def replace_glossy(self, within: tuple[slice, slice] | None = None) -> None:
+        """Leave glossy pixels to the photo votes of high-passed views (`gloss`), after `recount`.
+
+        With `within`, rows and columns, only where cells touch that part of the picture.
+        """
         if self.rule.photo_weight == 0 or self._surfaces is None:
             return
         cells = suspects(self._engine, self._colours, self._bounds, self._texture, self.planes)
+        if within is not None:
+            cells &= touched(cells.shape, within)
         if not cells.any():
             return
         count = FineCount(

@@ -137,6 +137,14 @@ def _ends_and_middle(count: int) -> slice:
     return slice(middle - reach, middle + reach + 1, max(reach, 1))
 
 
+def touched(shape: tuple[int, ...], part: tuple[slice, slice]) -> NDArray[np.bool_]:
+    """Which cells a part of the picture, rows and columns, has pixels in."""
+    cells = np.zeros(shape, np.bool_)
+    rows, columns = (slice(each.start // CELL, -(-each.stop // CELL)) for each in part)
+    cells[rows, columns] = True
+    return cells
+
+
 def boxes(cells: NDArray[np.bool_], size: tuple[int, int]) -> list[Box]:
     """Boxes in px around groups of cells, in an image of this size.
 

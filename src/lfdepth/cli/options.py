@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from lfdepth.lightfield import LightField
     from lfdepth.probe.order import Orientation
+    from lfdepth.result import Result
 
 DEFAULT_METHOD = methods.DEFAULT
 
@@ -263,19 +264,20 @@ class MapSource:
 
     def of(self, lf: LightField, reading: Reading, threads: int | None) -> NDArray[np.float32]:
         """The map (H, W)."""
-        import lfdepth
-        from lfdepth.cli.progress import Progress
         from lfdepth.io import read_disparity
 
-        if self.map is not None:
-            return read_disparity(self.map)
+        return read_disparity(self.map) if self.map else self.result(lf, reading, threads).disparity
+
+    def result(self, lf: LightField, reading: Reading, threads: int | None) -> Result:
+        """An estimate, with progress."""
+        import lfdepth
+        from lfdepth.cli.progress import Progress
+
         if self.range is None:
             reading.require_order(lf)
         with Progress() as progress:
             method = self.method or DEFAULT_METHOD
-            return lfdepth.estimate(
-                lf, method, range=self.range, threads=threads, progress=progress.step
-            ).disparity
+            return lfdepth.estimate(lf, method, range=self.range, threads=threads, progress=progress.step)
 
 
 MapSources = Annotated[MapSource, Parameter(name="*", group=Group("The disparity map", sort_key=2))]

@@ -111,7 +111,7 @@ class FbsVis(Method):
         lf, planes, engine, trace = problem.lf, problem.planes, work.engine, work.trace
         rounds = _ROUNDS[self.effort]
         trace.steps(len(planes) + 1 + self.visibility * (len(planes) + self.gloss + min(rounds, 1) + 2))
-        rule = VoteRule(self.delta, self.threshold, self.gradient)
+        rule = self.vote_rule
         with trace.block("preparation"):
             guide = guide_image(lf, self.guide)
             smoothing = GuidedFilter(guide, self.radius, self.epsilon, engine=engine)
@@ -154,14 +154,29 @@ class FbsVis(Method):
 
     def _energy(self, problem: Problem, guide: NDArray[np.float32], work: Work) -> JointEnergy:
         """The energy, on every second plane until the first map, where there is a second count."""
-        rule = JointRule(
+        smoothing = GuidedFilter(guide, self.photo_radius, self.epsilon, engine=work.engine)
+        stride = 2 if self.visibility else 1
+        return JointEnergy(
+            problem.lf,
+            problem.planes,
+            smoothing,
+            self.joint_rule,
+            stride=stride,
+            engine=work.engine,
+            trace=work.trace,
+        )
+
+    @property
+    def joint_rule(self) -> JointRule:
+        """Weights of the energy."""
+        return JointRule(
             photo_weight=self.photo_weight,
             slope_penalty=self.slope_penalty,
             jump_penalty=self.jump_penalty,
             fit_radius=self.fit_radius,
         )
-        smoothing = GuidedFilter(guide, self.photo_radius, self.epsilon, engine=work.engine)
-        stride = 2 if self.visibility else 1
-        return JointEnergy(
-            problem.lf, problem.planes, smoothing, rule, stride=stride, engine=work.engine, trace=work.trace
-        )
+
+    @property
+    def vote_rule(self) -> VoteRule:
+        """Which votes of the signs count."""
+        return VoteRule(self.delta, self.threshold, self.gradient)
