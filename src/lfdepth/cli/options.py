@@ -32,6 +32,17 @@ Json = Annotated[
         help="Print one JSON object, and nothing else, on standard output.",
     ),
 ]
+
+
+def _view(_: Any, tokens: Sequence[Token]) -> tuple[int, int]:
+    """(row, column) from V,U."""
+    match = re.fullmatch(r"(\d+),(\d+)", tokens[0].value)
+    if not match:
+        raise ValueError(f"found {tokens[0].value!r}, expected V,U (row and column from 0) such as 0,8")
+    return int(match[1]), int(match[2])
+
+
+View = Annotated[tuple[int, int] | None, Parameter(converter=_view, n_tokens=1, metavar="V,U")]
 Output = Annotated[Path, Parameter(alias="-o")]
 Range = Annotated[tuple[float, float] | None, Parameter(metavar="MIN MAX")]
 
