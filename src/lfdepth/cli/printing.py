@@ -76,8 +76,8 @@ def estimate_text(facts: Facts) -> str:
         {}
         if views is None
         else {
-            "all views": f"{views['runtime_s']:.2f} s, {100 * views['consistency']:.1f} % of the pixels hold in "
-            "the views they were compared with"
+            "all views": f"{views['runtime_s']:.2f} s, {100 * views['consistency']:.1f} % of the pixels hold "
+            "in the views they were compared with"
         }
     )
     return _aligned(

@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from lfdepth.blocks.median import weighted_median
-from lfdepth.blocks.photo import local_thresholds
+from lfdepth.blocks.photo import FEWEST_VIEWS, local_thresholds
 from lfdepth.blocks.recentre import from_view
 from lfdepth.engines import engine as start_engine
 from lfdepth.engines import using
@@ -208,6 +208,7 @@ class _Maps:
         self.visible = np.zeros(shape, np.bool_)
         self.indices = [int(index) for index in np.flatnonzero(lf.available)]
         self.views = engine.views(lf)
+        self.halves = [engine.views(replace(lf, present=_half(lf, parity))) for parity in (0, 1)]
         self._disputed: dict[int, list[_Disputed]] = {}
 
     def view_of(self, index: int) -> View:
@@ -248,7 +249,8 @@ class _Maps:
         surfaces = self.engine.known_surfaces(self.disparity.reshape(self.lf.shape[:4]), self.views)
         for index in self.indices:
             at = self.view_of(index)
-            seen, thresholds = self._seen_from(at)
+            _, thresholds = self._seen_from(at)
+            seen = self.engine.from_view(self.halves[sum(at) % 2], at)  # neighbours say much the same
             for each in self._disputed.pop(index):
                 support = self.engine.support(
                     seen, surfaces, each.places, each.candidates, thresholds, margin=VISIBILITY_MARGIN
@@ -306,6 +308,13 @@ class _Maps:
         """The views with one of them as the reference view, and its thresholds in 8-bit levels."""
         thresholds = local_thresholds(self.lf.views[at]) * np.float32(255)
         return self.engine.from_view(self.views, at), thresholds
+
+
+def _half(lf: LightField, parity: int) -> NDArray[np.bool_]:
+    """Every second view (V, U), as on a chessboard, and the reference view; all of a small grid."""
+    chosen = lf.available & (np.indices(lf.shape[:2]).sum(axis=0) % 2 == parity)
+    chosen[lf.centre] = True
+    return chosen if np.count_nonzero(chosen) >= FEWEST_VIEWS else lf.available
 
 
 def _held(
