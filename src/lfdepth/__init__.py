@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from lfdepth.probe.ranges import find_range
     from lfdepth.render.refocus import all_in_focus, foreground_masks, refocus, write_masks
     from lfdepth.result import Result, ViewMaps
+    from lfdepth.scale.batch import estimate_many
     from lfdepth.scale.views import estimate_views
     from lfdepth.scoring import evaluate
     from lfdepth.trace import Trace
@@ -51,6 +52,7 @@ _HOMES = {
     "check_orientation": "lfdepth.probe.order",
     "equalise": "lfdepth.probe.brightness",
     "estimate": "lfdepth.estimation",
+    "estimate_many": "lfdepth.scale.batch",
     "estimate_views": "lfdepth.scale.views",
     "evaluate": "lfdepth.scoring",
     "find_range": "lfdepth.probe.ranges",
@@ -82,6 +84,7 @@ __all__ = [
     "check_orientation",
     "equalise",
     "estimate",
+    "estimate_many",
     "estimate_views",
     "evaluate",
     "find_range",

@@ -206,10 +206,14 @@ class Reading:
         """Read a light field; `unusable` takes the masks that cannot be used, as in `lfdepth.read`."""
         import lfdepth
 
+        return lfdepth.read(scene, unusable=unusable, **self.arguments())
+
+    def arguments(self) -> dict[str, Any]:
+        """The same as arguments of `lfdepth.read`."""
         options = dict(vars(self))
         for short, long in _LONG_NAMES.items():
             options[long] = options.pop(short)
-        return lfdepth.read(scene, unusable=unusable, **options)
+        return options
 
     def check_order(self, lf: LightField) -> Orientation:
         """Test on the pixels whether the views that were read so are in order."""
