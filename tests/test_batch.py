@@ -92,7 +92,12 @@ def test_what_is_there_is_not_done_again(
     missing.unlink()
     ran: list[str] = []
     run = work._done
-    monkeypatch.setattr(work, "_done", lambda job: ran.append(job.scene) or run(job))
+
+    def noted(job: Job) -> work.Outcome:
+        ran.append(job.scene)
+        return run(job)
+
+    monkeypatch.setattr(work, "_done", noted)
     again = estimate_many(fields[:COUNT], METHOD, out, workers=1, **FAST)
     assert ran == [fields[2]]
     assert [each.status for each in again.outcomes] == ["there", "there", "done", "there", "there"]
