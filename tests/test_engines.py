@@ -25,6 +25,7 @@ import naive_photo
 import naive_pictures
 import naive_refine
 import naive_sides
+import naive_views
 import naive_vis
 from lfdepth import engines, scenes
 from lfdepth.blocks.bilateral import bilateral_weights
@@ -37,7 +38,7 @@ from lfdepth.engines.cpu.workers import bands
 from lfdepth.engines.layout import ENERGY_SCALE as SCALE
 from lfdepth.errors import LightFieldError
 from lfdepth.estimation import estimate
-from lfdepth.lightfield import LightField
+from lfdepth.lightfield import LightField, grid_offsets
 from lfdepth.result import Result
 
 Array = fields.Array
@@ -770,6 +771,68 @@ def test_regions_of_patches_agree_with_the_oracle(used: Engine, clusters: int) -
         for point, one in zip(points, found, strict=True):
             expected = naive_sides.region(picture, tuple(point), 2, clusters, alike, 10)
             np.testing.assert_array_equal(one, expected)
+
+
+# Maps of several views
+
+
+def maps_of_views(rng: np.random.Generator, grid: tuple[int, int], size: tuple[int, int]) -> Array:
+    """(V, U, H, W) maps of all views, as a rough map of the reference view lands in them; NaN: unknown."""
+    disparity, lf_offsets = rough_map(rng, size), grid_offsets(grid)
+    maps = np.full((*grid, *size), np.nan, np.float32)
+    for index in np.ndindex(*grid):
+        seen = naive_pictures.seen(disparity, tuple(lf_offsets[index]), 0.0)
+        maps[index] = np.where(np.isfinite(seen), seen, np.nan)
+    return maps
+
+
+@pytest.mark.parametrize("offset", [(0.0, 0.0), (2.0, -3.0), (-0.7, 1.4)])
+def test_carried_maps_agree_with_the_oracle(used: Engine, offset: tuple[float, float]) -> None:
+    rng = np.random.default_rng(20)
+    ramp = np.add.outer(0.05 * np.arange(11), -0.08 * np.arange(14))
+    for disparity in (rough_map(rng, (11, 14)), ramp.astype(np.float32)):
+        beside = rng.random(disparity.shape).astype(np.float32)
+        seen = naive_pictures.seen(disparity, offset, 0.0).astype(np.float32)
+        found, found_beside = used.carry(disparity, beside, offset)
+        expected, expected_beside = naive_views.carry(disparity, beside, seen, offset)
+        np.testing.assert_allclose(found, expected, atol=1e-5)
+        assert np.mean(found_beside != expected_beside.astype(np.float32)) < 0.02  # halves, rounded
+
+
+@pytest.mark.parametrize("dtype", fields.DTYPES)
+@pytest.mark.parametrize("at", [(0, 0), (1, 2), (2, 4)])
+def test_support_agrees_with_the_oracle(used: Engine, at: tuple[int, int], dtype: str) -> None:
+    """From another view, with what all maps hide."""
+    rng = np.random.default_rng([21, *at, len(dtype)])
+    grid, size = (3, 5), (12, 17)
+    lf = fields.light_field(rng, grid, size, 3, dtype)
+    maps = maps_of_views(rng, grid, size)
+    views = used.views(lf)
+    surfaces = used.known_surfaces(maps, views)
+    places = np.argwhere(rng.random(size) < 0.3)
+    candidates = rng.uniform(-1.5, 1.5, (len(places), 3)).astype(np.float32)
+    candidates[::4, 1] = np.nan
+    thresholds = rng.uniform(2, 20, size).astype(np.float32)
+    found = used.support(used.from_view(views, at), surfaces, places, candidates, thresholds, margin=0.2)
+    levels = lf.views.astype(np.float64) * (255 / lf.full_scale)
+    expected = naive_views.support(levels, at, lf.offsets, maps, places, candidates, thresholds, 0.2)
+    # A place on a pixel's border may fall to either side in single precision.
+    assert np.mean(np.abs(found - expected) > 1e-3) < 0.01
+    assert ((found > 0) & (found < 1)).mean() > 0.5
+
+
+def test_agreement_agrees_with_the_oracle(used: Engine) -> None:
+    rng = np.random.default_rng(22)
+    grid, size = (3, 3), (12, 15)
+    maps = np.nan_to_num(maps_of_views(rng, grid, size), nan=-1.0).reshape(9, *size)
+    maps[4, 3:6, 4:8] += np.float32(0.8)  # what nobody else shows
+    partners = np.array([0, 2, 3, 5, 7])
+    steps = grid_offsets(grid).reshape(-1, 2)[partners]
+    found = used.agree(maps, 4, partners, steps, tolerance=0.1)
+    expected = naive_views.agree(maps, 4, partners, steps, 0.1)
+    for one, other in zip(found, expected, strict=True):
+        assert np.mean(one != other.astype(one.dtype)) < 0.02
+    assert (found[0] != maps[4])[3:6, 4:8].mean() > 0.5
 
 
 # Pictures from many views

@@ -131,7 +131,7 @@ def test_a_pixel_is_the_mean_of_its_samples() -> None:
 def test_views_solve_the_surface_equation(surface: Any, formula: Any) -> None:
     texture = random_texture(2)
     packed = pack(Scene([Layer(surface, Paint(texture))]))
-    truth, _ = kernels.trace(packed, np.arange(18.0), 24, 0.0, 1.0)
+    truth, _ = kernels.trace(packed, 0.0, 0.0, np.arange(18.0), 24, 0.0, 1.0)
     with np.errstate(invalid="ignore"):
         for u, v in ((0.0, 0.0), (4.0, 3.0), (-3.0, 4.0)):
             picture = kernels.render_view(packed, u, v, 18, 24, 1)
@@ -146,7 +146,7 @@ def test_a_dent_is_seen_through_its_mouth_only() -> None:
     mouth = ellipse(16, 16, 8, 8)
     flat = Layer(Plane(0.5), Paint(random_texture()), holes=[mouth])
     dent = Layer(Ellipsoid(16, 16, 8, 8, 0.5, 0.9, far=True), Paint(random_texture(1)))
-    truth, _ = kernels.trace(pack(Scene([flat, dent])), np.arange(33.0), 33, 0.0, 1.0)
+    truth, _ = kernels.trace(pack(Scene([flat, dent])), 0.0, 0.0, np.arange(33.0), 33, 0.0, 1.0)
     y, x = np.mgrid[:33, :33]
     depth = np.sqrt(np.maximum(0, 1 - ((x - 16) / 8) ** 2 - ((y - 16) / 8) ** 2))
     np.testing.assert_allclose(truth, 0.5 - 0.9 * depth, atol=1e-5)
@@ -314,7 +314,7 @@ def test_every_scene_is_built_at_any_size() -> None:
     for name, recipe in {**SUITE, **STRATIFIED}.items():
         for size in ((32, 32), (33, 150)):
             packed = pack(recipe.build(Stage(*size, 1)))
-            truth, layers = kernels.trace(packed, np.arange(float(size[0])), size[1], 0.0, 1.0)
+            truth, layers = kernels.trace(packed, 0.0, 0.0, np.arange(float(size[0])), size[1], 0.0, 1.0)
             assert (layers >= 0).all(), name
             assert np.isfinite(truth).all(), name
 
@@ -348,7 +348,7 @@ def test_only_what_comes_later_is_seen_through_a_hole() -> None:
     y, x = np.mgrid[:16, :20]
     through = (abs(x - 10) <= 3) & (abs(y - 8) <= 2)
     for layers in ([before, sheet, after], [sheet, after, before]):
-        truth, _ = kernels.trace(pack(Scene(layers)), np.arange(16.0), 20, 0.0, 1.0)
+        truth, _ = kernels.trace(pack(Scene(layers)), 0.0, 0.0, np.arange(16.0), 20, 0.0, 1.0)
         np.testing.assert_allclose(truth, np.where(through, -0.4, 0.5 + 0.01 * x), atol=1e-6)
 
 
@@ -363,6 +363,8 @@ def test_pyramid_has_its_base_and_apex() -> None:
     for height in (0.6, -0.6):
         truth, _ = kernels.trace(
             pack(Scene([Layer(pyramid(10, 12, 8, 0.1, height), Paint(random_texture()))])),
+            0.0,
+            0.0,
             np.arange(25.0),
             21,
             0.0,

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from lfdepth.version import __version__ as __version__
 
 if TYPE_CHECKING:
+    from lfdepth.blocks.recentre import from_view
     from lfdepth.camera import Camera
     from lfdepth.errors import LightFieldError
     from lfdepth.estimation import estimate
@@ -30,7 +31,9 @@ if TYPE_CHECKING:
     from lfdepth.probe.order import check_orientation
     from lfdepth.probe.ranges import find_range
     from lfdepth.render.refocus import all_in_focus, foreground_masks, refocus, write_masks
-    from lfdepth.result import Result
+    from lfdepth.result import Result, ViewMaps
+    from lfdepth.scale.batch import estimate_many
+    from lfdepth.scale.views import estimate_views
     from lfdepth.scoring import evaluate
     from lfdepth.trace import Trace
     from lfdepth.viewer.evidence import Evidence, explain
@@ -47,13 +50,17 @@ _HOMES = {
     "Method": "lfdepth.methods",
     "Result": "lfdepth.result",
     "Trace": "lfdepth.trace",
+    "ViewMaps": "lfdepth.result",
     "all_in_focus": "lfdepth.render.refocus",
     "check_orientation": "lfdepth.probe.order",
     "equalise": "lfdepth.probe.brightness",
     "estimate": "lfdepth.estimation",
+    "estimate_many": "lfdepth.scale.batch",
+    "estimate_views": "lfdepth.scale.views",
     "evaluate": "lfdepth.scoring",
     "explain": "lfdepth.viewer.evidence",
     "find_range": "lfdepth.probe.ranges",
+    "from_view": "lfdepth.blocks.recentre",
     "foreground_masks": "lfdepth.render.refocus",
     "measure_brightness": "lfdepth.probe.brightness",
     "method": "lfdepth.methods",
@@ -78,14 +85,18 @@ __all__ = [
     "Method",
     "Result",
     "Trace",
+    "ViewMaps",
     "all_in_focus",
     "check_orientation",
     "equalise",
     "estimate",
+    "estimate_many",
+    "estimate_views",
     "evaluate",
     "explain",
     "find_range",
     "foreground_masks",
+    "from_view",
     "measure_brightness",
     "method",
     "read",

@@ -121,3 +121,33 @@ class Result:
     def _repr_png_(self) -> bytes:
         """For notebooks: the map."""
         return bytes(import_module("lfdepth.viewer.notebook").result_png(self))
+
+
+@dataclass(frozen=True, eq=False)
+class ViewMaps:
+    """Disparity of every view of a light field.
+
+    Attributes
+    ----------
+    disparity
+        (V, U, H, W) float32, px per view step, positive nearer; NaN for absent views.
+    confidence
+        (V, U, H, W) float32 in [0, 1]; 0 for absent views.
+    visible
+        (V, U, H, W) bool: pixels whose surface the reference view shows as well.
+    reference
+        The reference view's own estimate, from which the maps were made.
+    consistency
+        Share of the pixels that hold in the views they were compared with: some pixel around the place they
+        land on has their disparity within 0.1 px per view step. Where something nearer is there, a pixel is
+        hidden and does not count.
+    runtime
+        Seconds for all of it.
+    """
+
+    disparity: NDArray[np.float32]
+    confidence: NDArray[np.float32]
+    visible: NDArray[np.bool_]
+    reference: Result
+    consistency: float
+    runtime: float

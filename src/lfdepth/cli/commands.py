@@ -20,6 +20,7 @@ from lfdepth.cli.options import (
     Range,
     Reading,
     ReadingParameters,
+    View,
     check_picture,
     given,
     method_parameters,
@@ -70,6 +71,8 @@ def estimate(
     equalise: Equalise = "auto",
     aspect: float | None = None,
     refine_positions: Flag = False,
+    view: View = None,
+    all_views: Flag = False,
     as_json: Json = False,
     options: Any = None,
     reading: ReadingParameters = AS_IT_IS,
@@ -81,6 +84,7 @@ def estimate(
         lfdepth estimate cotton -o cotton.pfm --preview cotton.png
         lfdepth estimate cotton -o cotton.npz --range -1.6 1.5 --step 0.02
         lfdepth estimate cotton -o cotton.npy --method fbsocc-sfa --preset paper-synthetic
+        lfdepth estimate cotton -o cotton.zarr --all-views
 
     Parameters
     ----------
@@ -114,14 +118,23 @@ def estimate(
         Vertical step between views divided by the horizontal step; 1 by default.
     refine_positions
         Estimate twice: the first map is used to measure where each camera really is, off the regular grid.
+    view
+        Estimate the map of another view than the reference view: its row and column in the grid, from 0.
+    all_views
+        Estimate the maps of all views, which agree with each other. The output is an .npz or .zarr with
+        arrays (V, U, H, W), or a folder of .pfm files.
     """
     import lfdepth
     from lfdepth.cli.ahead import KernelsAhead
     from lfdepth.cli.progress import Progress
-    from lfdepth.io import check_writable
+    from lfdepth.io import check_view_maps_writable, check_writable
 
     chosen = lfdepth.method(method, preset=preset, **given(options))
-    check_writable(output)
+    if all_views:
+        _check_all_views(view, quantity, mesh)
+        check_view_maps_writable(output)
+    else:
+        check_writable(output)
     if preview is not None:
         check_picture(preview, apart_from=output)
     settings: dict[str, Any] = {
@@ -143,8 +156,18 @@ def estimate(
             if refine_positions:
                 first = lfdepth.estimate(lf, chosen, range=range, progress=progress.step, **settings)
                 lf, range = refined(lf, first), first.range
-            result = lfdepth.estimate(lf, chosen, range=range, progress=progress.step, **settings)
-    lfdepth.write(output, result, scene=lf, quantity=quantity, mesh=mesh)
+            if view is not None:
+                lf = lfdepth.from_view(lf, view)
+            maps = None
+            if all_views:
+                maps = lfdepth.estimate_views(lf, chosen, range=range, progress=progress.step, **settings)
+                result = maps.reference
+            else:
+                result = lfdepth.estimate(lf, chosen, range=range, progress=progress.step, **settings)
+    if maps is not None:
+        lfdepth.write(output, maps)
+    else:
+        lfdepth.write(output, result, scene=lf, quantity=quantity, mesh=mesh)
     if preview is not None:
         from lfdepth.pictures import preview as write_preview
 
@@ -152,7 +175,7 @@ def estimate(
     written = [str(path) for path in (output, preview) if path is not None]
     for warning in result.checks.warnings if result.checks else ():
         print(f"warning: {warning}", file=sys.stderr)
-    report(estimate_facts(lf, result, progress, written), as_json, estimate_text)
+    report(estimate_facts(lf, result, progress, written, maps), as_json, estimate_text)
 
 
 def refined(lf: LightField, first: Result) -> LightField:
@@ -515,6 +538,13 @@ def _with_measured(lf: LightField, aspect: float) -> LightField:
     import lfdepth
 
     return lf if aspect == 1 else lfdepth.with_aspect(lf, aspect)
+
+
+def _check_all_views(view: tuple[int, int] | None, quantity: Quantity, mesh: bool) -> None:
+    """Raise LightFieldError where an option is about one map, and all are asked for."""
+    if view is not None or quantity != "disparity" or mesh:
+        option = "--view" if view is not None else "--mesh" if mesh else "--quantity"
+        raise LightFieldError(f"{option}: found with --all-views; expected it with one map; leave one out")
 
 
 def _check_output(output: Path, lf: LightField, quantity: Quantity, mesh: bool) -> None:

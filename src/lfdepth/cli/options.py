@@ -33,6 +33,17 @@ Json = Annotated[
         help="Print a single JSON object on standard output, and nothing else.",
     ),
 ]
+
+
+def _view(_: Any, tokens: Sequence[Token]) -> tuple[int, int]:
+    """(row, column) from V,U."""
+    match = re.fullmatch(r"(\d+),(\d+)", tokens[0].value)
+    if not match:
+        raise ValueError(f"found {tokens[0].value!r}, expected V,U (row and column from 0) such as 0,8")
+    return int(match[1]), int(match[2])
+
+
+View = Annotated[tuple[int, int] | None, Parameter(converter=_view, n_tokens=1, metavar="V,U")]
 Output = Annotated[Path, Parameter(alias="-o")]
 Range = Annotated[tuple[float, float] | None, Parameter(metavar="MIN MAX")]
 
@@ -195,10 +206,14 @@ class Reading:
         """Read a light field; `unusable` takes the masks that cannot be used, as in `lfdepth.read`."""
         import lfdepth
 
+        return lfdepth.read(scene, unusable=unusable, **self.arguments())
+
+    def arguments(self) -> dict[str, Any]:
+        """The same as arguments of `lfdepth.read`."""
         options = dict(vars(self))
         for short, long in _LONG_NAMES.items():
             options[long] = options.pop(short)
-        return lfdepth.read(scene, unusable=unusable, **options)
+        return options
 
     def check_order(self, lf: LightField) -> Orientation:
         """Test on the pixels whether the views that were read so are in order."""

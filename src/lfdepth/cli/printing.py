@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from lfdepth.lightfield import LightField
     from lfdepth.probe.brightness import Equalisation
     from lfdepth.probe.order import Orientation
-    from lfdepth.result import Result
+    from lfdepth.result import Result, ViewMaps
 
 Facts = dict[str, Any]
 
@@ -42,9 +42,11 @@ def _finite(facts: Any) -> Any:
 # --- estimate
 
 
-def estimate_facts(lf: LightField, result: Result, progress: Progress, written: Sequence[str]) -> Facts:
-    """What an estimate did."""
-    return {
+def estimate_facts(
+    lf: LightField, result: Result, progress: Progress, written: Sequence[str], maps: ViewMaps | None = None
+) -> Facts:
+    """What an estimate did: of the reference view, or of all with their maps."""
+    facts: Facts = {
         "scene": lf.name,
         "shape": list(lf.shape),
         "method": {"name": result.method.name, **result.method.parameters()},
@@ -60,12 +62,24 @@ def estimate_facts(lf: LightField, result: Result, progress: Progress, written: 
         "checks": result.checks and result.checks.as_dict(),
         "written": list(written),
     }
+    if maps is not None:
+        facts["all_views"] = {"runtime_s": maps.runtime, "consistency": maps.consistency}
+    return facts
 
 
 def estimate_text(facts: Facts) -> str:
     """What an estimate did, in words."""
     found = f" ({_FOUND})" if facts["range_found"] else ""
     compilation = " (including compilation, first run only)" if facts["compiled"] else ""
+    views = facts.get("all_views")
+    every = (
+        {}
+        if views is None
+        else {
+            "all views": f"{views['runtime_s']:.2f} s, {100 * views['consistency']:.1f} % of the pixels hold "
+            "in the views they were compared with"
+        }
+    )
     return _aligned(
         {
             "scene": f"{facts['scene']}, {_shape_text(facts['shape'])}",
@@ -73,6 +87,7 @@ def estimate_text(facts: Facts) -> str:
             "brightness": facts["brightness"]["message"] if facts["brightness"] else "unchanged",
             "range": f"{_range_text(facts['range'])}{found}, {facts['planes']} planes",
             "time": f"{facts['runtime_s']:.2f} s, {facts['ms_per_plane']:.1f} ms per plane{compilation}",
+            **every,
             "written": ", ".join(facts["written"]),
         }
     )

@@ -532,6 +532,58 @@ class Engine(Protocol):
             (P, 2) rows and columns.
         """
 
+    # --- maps of several views
+
+    def from_view(self, views: Any, at: tuple[int, int]) -> Any:
+        """The same `views` (as they are) with the one at row and column `at` as the reference view."""
+
+    def known_surfaces(self, maps: Float, views: Any) -> Any:
+        """Surfaces as `surfaces_of` gives them, from maps (V, U, H, W) of all views; NaN: unknown."""
+
+    def carry(self, disparity: Float, beside: Float, offset: tuple[float, float]) -> tuple[Float, Float]:
+        """What the view at `offset` shows of a map (H, W), to a part of a pixel; −inf where that is unknown.
+
+        The splat of `seen` says which surface a pixel shows. Where the map is of one surface (changes by
+        less than `SURFACE_JUMP`) around the place that the pixel comes from, it is interpolated there, twice,
+        since that place follows from the disparity. The second map is what is `beside` (H, W) the nearest
+        pixel there, 0 where unknown.
+        """
+
+    def support(
+        self,
+        views: Any,
+        surfaces: Any,
+        places: NDArray[np.int64],
+        candidates: Float,
+        thresholds: Float,
+        *,
+        margin: float,
+    ) -> Float:
+        """How far `views` (as they are) agree with candidates of disparity, (N, K) in [0, 1].
+
+        The mean over the views that show a place (N, 2) at a candidate (N, K), and nothing nearer than it by
+        more than `margin`, of 1 / (1 + (Δ/τ)²): Δ is the mean absolute difference of the channels to the
+        reference view, and τ one of `thresholds` (H, W), both in 8-bit levels. 0 where fewer than two views
+        show it; −1 for a candidate that is not finite.
+        """
+
+    def agree(
+        self,
+        maps: Float,
+        own: int,
+        partners: NDArray[np.int64],
+        steps: NDArray[np.float64],
+        *,
+        tolerance: float,
+    ) -> tuple[Float, NDArray[np.int32], NDArray[np.int32]]:
+        """Hold map `own` of `maps` (N, H, W) against the maps of its `partners` (M,), `steps` (M, 2) from it.
+
+        A partner agrees with a pixel where one of the four pixels around the place it lands on is within
+        `tolerance`, and speaks against it where all four are farther. A pixel that more speak against than
+        for takes the value, of the eight around it and of the nearest pixel in each partner, for which most
+        speak. The map, and the numbers of partners (H, W) for and against.
+        """
+
     # --- pictures from many views
 
     def seen(self, disparity: Float, offset: tuple[float, float], *, plane: float = 0.0) -> Float:

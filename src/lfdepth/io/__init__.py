@@ -32,9 +32,11 @@ from lfdepth.io.source import Selection, assemble
 from lfdepth.io.stack import unreadable
 from lfdepth.io.truth import read_truth
 from lfdepth.io.unchanged import unchanged
+from lfdepth.io.view_maps import check_view_maps_writable, write_view_maps
 from lfdepth.io.white import check_white_level
 from lfdepth.io.writing import check_light_field_writable, write_light_field
 from lfdepth.lightfield import LightField
+from lfdepth.result import ViewMaps
 
 if TYPE_CHECKING:
     from lfdepth.result import Result
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
 __all__ = [
     "FORMATS",
     "check_light_field_writable",
+    "check_view_maps_writable",
     "check_writable",
     "is_map",
     "read",
@@ -201,7 +204,7 @@ def read(
 
 def write(
     path: str | Path,
-    result: Result | Record | LightField | npt.NDArray[Any],
+    result: Result | ViewMaps | Record | LightField | npt.NDArray[Any],
     *,
     scene: LightField | None = None,
     quantity: Literal["disparity", "depth"] = "disparity",
@@ -221,7 +224,9 @@ def write(
         For a light field, ends in `.npz`, `.h5`, `.hdf5`, `.zarr`, `.mat` (the views as array `LF` of shape
         (V, U, H, W, C), and all that is known of them), `.npy`, `.tif`, `.tiff` (a page for each view),
         `_qsCxRaA.png` (a quilt of one row of views); or is a folder, for a picture of each view.
-    result : Result, Record, ndarray or LightField
+        For the maps of all views, ends in `.npz` or `.zarr` (disparity, confidence, visibility), or is a
+        folder, for a PFM file of each view.
+    result : Result, ViewMaps, Record, ndarray or LightField
         What `estimate` returned or `read_record` read, a disparity map (H, W) in px per view step, or a light
         field. A light field reads back unchanged: samples, missing views, range and camera, and, from
         folders, `.npz`, `.h5`, `.zarr` and `.mat`, also truth and masks.
@@ -253,6 +258,14 @@ def write(
     >>> lfdepth.write(f"{folder}/views", lf)  # a folder of views
     """
     path = Path(path)
+    if isinstance(result, ViewMaps):
+        if scene is not None or mesh or quantity != "disparity" or format is not None:
+            raise LightFieldError(
+                f"{path}: maps of all views, with scene, quantity, mesh or format; expected these with one "
+                "map; drop them"
+            )
+        write_view_maps(path, result)
+        return
     if isinstance(result, LightField):
         if scene is not None or mesh or quantity != "disparity":
             raise LightFieldError(

@@ -93,7 +93,7 @@ def write_zarr(path: Path, record: Record) -> None:
     }
     with (
         atomic_folder(path, manifest=f"{record.quantity}/{MANIFEST}") as temporary,
-        _writing(zarr, temporary) as store,
+        writing(zarr, temporary) as store,
     ):
         # Version 2 of the format is what older libraries read too.
         group = zarr.open_group(store, mode="w", zarr_format=2)
@@ -111,7 +111,7 @@ def write_views_zarr(path: Path, lf: LightField) -> None:
     """
     zarr = need("zarr", "zarr", path)
     bundle = Bundle.of(lf)
-    with atomic_folder(path, manifest=f"LF/{MANIFEST}") as temporary, _writing(zarr, temporary) as store:
+    with atomic_folder(path, manifest=f"LF/{MANIFEST}") as temporary, writing(zarr, temporary) as store:
         group = zarr.open_group(store, mode="w", zarr_format=2)
         for name, array in bundle.arrays.items():
             group.create_array(
@@ -121,7 +121,7 @@ def write_views_zarr(path: Path, lf: LightField) -> None:
 
 
 @contextmanager
-def _writing(zarr: Any, folder: Path) -> Iterator[Any]:
+def writing(zarr: Any, folder: Path) -> Iterator[Any]:
     """A store in a folder, to which nothing is written any more when the context has been left.
 
     Zarr writes several files at once, and after one has failed goes on with the others: into a folder that

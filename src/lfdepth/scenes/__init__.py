@@ -19,11 +19,23 @@ from lfdepth.scenes.stratified import STRATIFIED
 from lfdepth.scenes.suite import SUITE, Recipe, Stage
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from lfdepth.lightfield import LightField
     from lfdepth.scenes.rendering import Rendering
     from lfdepth.truth import HighResolution
 
-__all__ = ["NAMES", "PHOTOREAL", "describe", "expected_seconds", "high_resolution", "render", "save"]
+__all__ = [
+    "NAMES",
+    "PHOTOREAL",
+    "describe",
+    "expected_seconds",
+    "high_resolution",
+    "render",
+    "save",
+    "truth_of_views",
+]
 
 _RECIPES = {**SUITE, **STRATIFIED}
 NAMES: tuple[str, ...] = tuple(_RECIPES)
@@ -196,6 +208,32 @@ def high_resolution(name: str, *, size: int | tuple[int, int] = 256, seed: int =
 
     scene = _RECIPES[name].build(Stage(height, width, seed))
     return HighResolution(*rendering.geometry(scene, (height, width), FACTOR))
+
+
+def truth_of_views(
+    name: str, *, size: int | tuple[int, int] = 256, views: int | tuple[int, int] = 9, seed: int = 0
+) -> NDArray[np.float32]:
+    """Truth of every view of a procedural scene, (V, U, H, W) float32, px per view step.
+
+    Parameters
+    ----------
+    name : str
+        One of `NAMES`.
+    size, views, seed
+        As in `render`.
+
+    Raises
+    ------
+    LightFieldError
+        If the scene is none of `NAMES`, or an argument is out of its range.
+    """
+    _check(name in NAMES, f"scene {name!r} is not procedural; expected one of {', '.join(NAMES)}")
+    height, width = _pixels(size)
+    grid = _pair(views, "views", 3, MOST_VIEWS)
+    _check(seed >= 0, f"seed is {seed}; expected an integer >= 0")
+    from lfdepth.scenes import rendering
+
+    return rendering.truths(_RECIPES[name].build(Stage(height, width, seed)), (height, width), grid)
 
 
 def expected_seconds(

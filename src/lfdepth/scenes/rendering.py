@@ -83,9 +83,9 @@ def noise_share(scene: Scene) -> npt.NDArray[np.float32]:
 
 
 def trace(
-    packed: Packed, size: tuple[int, int], factor: int = 1
+    packed: Packed, size: tuple[int, int], factor: int = 1, view: tuple[float, float] = (0.0, 0.0)
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.int16]]:
-    """Disparity and layer index of the reference view, (H, W) times `factor`.
+    """Disparity and layer index of a view (u, v), by default the reference view, (H, W) times `factor`.
 
     Pixels of the larger maps divide those of the views: the first is centred at (0.5/factor - 0.5).
     """
@@ -96,11 +96,19 @@ def trace(
     def block(start: int) -> None:
         rows = first + np.arange(start, min(start + _BLOCK, height)) / factor
         part = slice(start, start + _BLOCK)
-        truth[part], layers[part] = kernels.trace(packed, rows, width, first, 1 / factor)
+        truth[part], layers[part] = kernels.trace(packed, *view, rows, width, first, 1 / factor)
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         list(pool.map(block, range(0, height, _BLOCK)))
     return truth, layers
+
+
+def truths(scene: Scene, size: tuple[int, int], views: tuple[int, int]) -> npt.NDArray[np.float32]:
+    """Disparity that every view shows, (V, U, H, W)."""
+    packed, out = pack(scene), np.empty((*views, *size), np.float32)
+    for v, u in np.ndindex(*views):
+        out[v, u] = trace(packed, size, view=(float(u - views[1] // 2), float(v - views[0] // 2)))[0]
+    return out
 
 
 def _render_views(

@@ -30,6 +30,7 @@ from lfdepth.engines.cpu.kernels import photo as photo_kernels
 from lfdepth.engines.cpu.kernels import refine as refine_kernels
 from lfdepth.engines.cpu.kernels import stacks as stack_kernels
 from lfdepth.engines.cpu.kernels import surface as surface_kernels
+from lfdepth.engines.cpu.kernels import views as view_kernels
 from lfdepth.engines.cpu.kernels import visibility as visibility_kernels
 from lfdepth.engines.cpu.kernels import voting as voting_kernels
 from lfdepth.engines.cpu.kernels import windows as windows_kernels
@@ -733,6 +734,78 @@ class CpuEngine:
         ends = (0, disparity.shape[1], np.float32(SURFACE_JUMP), np.float32(-np.inf))
         self.workers.once(visibility_kernels.splat_kernel, 0, 1, moved, disparity, *place, *ends)
         return front.reshape(disparity.shape)
+
+    def from_view(self, views: ViewsAsTheyAre, at: tuple[int, int]) -> ViewsAsTheyAre:
+        """Another reference view."""
+        others = views.present.copy()
+        others[at] = False
+        return replace(
+            views, reference=views.views[at], others=others, offsets=views.offsets - views.offsets[at]
+        )
+
+    def known_surfaces(self, maps: Float, views: ViewsAsTheyAre) -> NearestSurfaces:
+        """Surfaces from maps."""
+        levels = np.full(maps.shape, UNKNOWN_SURFACE, np.int16)
+        for index in np.argwhere(views.present):
+            known = maps[tuple(index)] * np.float32(DISPARITY_PARTS)
+            there = np.isfinite(known)
+            levels[tuple(index)][there] = known[there].clip(-DISPARITY_LIMIT, DISPARITY_LIMIT)
+        grid, width = (maps.shape[0], maps.shape[1]), maps.shape[3]
+        return NearestSurfaces(levels.reshape(-1), levels.max(axis=3).reshape(-1), grid, 0, width, maps[0, 0])
+
+    def carry(self, disparity: Float, beside: Float, offset: tuple[float, float]) -> tuple[Float, Float]:
+        """Splat and sharpen."""
+        seen = self.seen(disparity, offset)
+        carried, carried_beside = np.empty_like(seen), np.empty_like(seen)
+        down, across = (np.float32(each) for each in offset)
+        place = (disparity, beside, seen, down, across, np.float32(SURFACE_JUMP), carried, carried_beside)
+        self.workers.rows(len(disparity), view_kernels.carry_kernel, *place)
+        return carried, carried_beside
+
+    def support(
+        self,
+        views: ViewsAsTheyAre,
+        surfaces: NearestSurfaces,
+        places: NDArray[np.int64],
+        candidates: Float,
+        thresholds: Float,
+        *,
+        margin: float,
+    ) -> Float:
+        """Ask the views at places."""
+        found = np.empty(candidates.shape, np.float32)
+        self.workers.rows(
+            len(places),
+            view_kernels.support_kernel,
+            np.ascontiguousarray(places),
+            np.ascontiguousarray(candidates),
+            views.views,
+            np.float32(views.to_bytes),
+            views.reference,
+            (views.others, views.offsets),
+            surfaces.data,
+            thresholds,
+            np.float32(margin),
+            found,
+        )
+        return found
+
+    def agree(
+        self,
+        maps: Float,
+        own: int,
+        partners: NDArray[np.int64],
+        steps: NDArray[np.float64],
+        *,
+        tolerance: float,
+    ) -> tuple[Float, NDArray[np.int32], NDArray[np.int32]]:
+        """Hold a map against others."""
+        size = maps.shape[1:]
+        settled = np.empty(size, np.float32)
+        agreeing, against = np.empty(size, np.int32), np.empty(size, np.int32)
+        place = (maps, own, partners, steps, np.float32(tolerance), settled, agreeing, against)
+        self.workers.rows(size[0], view_kernels.agree_kernel, *place)
+        return settled, agreeing, against
 
     def gather(
         self,

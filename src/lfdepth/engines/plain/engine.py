@@ -27,6 +27,7 @@ from lfdepth.engines.plain import (
     sides,
     voting,
 )
+from lfdepth.engines.plain import views as view_maps
 from lfdepth.engines.plain.edges import Views
 from lfdepth.engines.plain.filters import Prepared
 from lfdepth.engines.plain.photo import ColourLevels, Surfaces
@@ -498,6 +499,47 @@ class NumpyEngine:
         moved = disparity - np.float32(plane)
         photo.land(front, moved, disparity, np.array(offset, np.float64), SURFACE_JUMP)
         return front
+
+    def from_view(self, views: Views, at: tuple[int, int]) -> Views:
+        """Another reference view."""
+        others = views.present.copy()
+        others[at] = False
+        return replace(
+            views, reference=views.views[at], others=others, offsets=views.offsets - views.offsets[at]
+        )
+
+    def known_surfaces(self, maps: Float, views: Views) -> Surfaces:
+        """Surfaces from maps."""
+        return view_maps.known(maps, views.present)
+
+    def carry(self, disparity: Float, beside: Float, offset: tuple[float, float]) -> tuple[Float, Float]:
+        """Splat and sharpen."""
+        return view_maps.carry(disparity, beside, self.seen(disparity, offset), offset)
+
+    def support(
+        self,
+        views: Views,
+        surfaces: Surfaces,
+        places: NDArray[np.int64],
+        candidates: Float,
+        thresholds: Float,
+        *,
+        margin: float,
+    ) -> Float:
+        """Ask the views at places."""
+        return view_maps.support(views, surfaces, places, candidates, thresholds, margin)
+
+    def agree(
+        self,
+        maps: Float,
+        own: int,
+        partners: NDArray[np.int64],
+        steps: NDArray[np.float64],
+        *,
+        tolerance: float,
+    ) -> tuple[Float, NDArray[np.int32], NDArray[np.int32]]:
+        """Hold a map against others."""
+        return view_maps.agree(maps, own, partners, steps, tolerance)
 
     def gather(
         self,

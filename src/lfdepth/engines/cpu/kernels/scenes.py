@@ -399,14 +399,16 @@ def render_view(scene: Packed, u: float, v: float, height: int, width: int, samp
 
 
 @njit(cache=True, nogil=True)
-def trace(scene: Packed, rows: Any, width: int, x0: float, step: float) -> tuple[Float32, Any]:
-    """Disparity and layer index of the reference view at (x0 + i·step, rows[j]), one ray per point."""
+def trace(
+    scene: Packed, u: float, v: float, rows: Any, width: int, x0: float, step: float
+) -> tuple[Float32, Any]:
+    """Disparity and layer index of view (u, v) at (x0 + i·step, rows[j]), one ray per point."""
     disparity = np.empty((rows.size, width), np.float32)
     layers = np.empty((rows.size, width), np.int16)
     depth = np.empty(width)
     index = np.empty(width, np.int64)
     for j in range(rows.size):
-        _trace_row(scene, (x0, step, rows[j], 0.0, 0.0), depth, index)
+        _trace_row(scene, (x0, step, rows[j], u, v), depth, index)
         disparity[j] = depth
         layers[j] = index
     return disparity, layers

@@ -1,0 +1,121 @@
+"""Commands for more than one map: many scenes, fields larger than memory, videos."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from lfdepth.cli.app import PARTLY_FAILED, app
+from lfdepth.cli.commands import Equalise
+from lfdepth.cli.options import AS_IT_IS, DEFAULT_METHOD, Flag, Json, Output, Range, ReadingParameters
+from lfdepth.cli.printing import report
+
+if TYPE_CHECKING:
+    from lfdepth.scale.work import Outcome
+
+
+@app.command(sort_key=9)
+def batch(
+    *scenes: str,
+    output: Output,
+    method: str = DEFAULT_METHOD,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    threads: int = 1,
+    range: Range = None,
+    engine: str = "cpu",
+    equalise: Equalise = "auto",
+    dry_run: Flag = False,
+    as_json: Json = False,
+    reading: ReadingParameters = AS_IT_IS,
+) -> int:
+    """Estimate the maps of many light fields, in several processes or on a Dask cluster.
+
+    A result has a name that follows from its scene's path and is whole or not there: after a break, the same
+    command does what is missing. A scene that fails is named, and the rest goes on. For example:
+
+        lfdepth batch scenes/* -o maps
+        lfdepth batch scenes/* -o maps --method fbs-vis:effort=fast,step=0.1 --workers 4
+        lfdepth batch scenes/* -o maps --scheduler tcp://head:8786
+        lfdepth batch scenes/* -o maps --dry-run
+
+    Parameters
+    ----------
+    scenes
+        Light fields: folders of views, files, or addresses that fsspec knows, such as s3://bucket/scene.npz.
+    output
+        Folder for a map of each scene (NAME-xxxxxxxx.npz), index.html with thumbnails, and results.csv.
+    method
+        Name of the method, with parameters as in fbs-vis:effort=fast,step=0.1.
+    workers
+        Number of processes; by default one for each processor.
+    scheduler
+        Address of a Dask scheduler, in place of processes; its workers have to see the same paths.
+    threads
+        Threads of each estimate.
+    range
+        Smallest and largest disparity, px per view step; by default each scene's own, or if it has none the
+        one that is found in its views.
+    engine
+        What computes; "lfdepth methods" lists the engines.
+    equalise
+        auto: make the brightness of the views equal where it differs; off: take them as they are.
+    dry_run
+        Tell memory and time, and do nothing.
+    """
+    from lfdepth.bench.plan import setting
+    from lfdepth.cli.progress import Progress
+    from lfdepth.scale.batch import estimate_many, expect
+
+    chosen = setting(method).resolve()
+    common: dict[str, Any] = {
+        "range": range,
+        "engine": engine,
+        "equalise": equalise == "auto",
+        "reading": {key: value for key, value in reading.arguments().items() if value not in (None, False)},
+    }
+    common["reading"].pop("truth_offset", None)
+    if dry_run:
+        expected = expect(scenes, chosen, output, **common)
+        report(expected.as_dict(), as_json, lambda facts: _expected_text(facts, expected.table().to_text()))
+        return _status(expected.failures)
+    with Progress() as progress:
+        found = estimate_many(
+            scenes,
+            chosen,
+            output,
+            workers=workers,
+            scheduler=scheduler,
+            threads=threads,
+            progress=progress.step,
+            **common,
+        )
+    table = found.table().to_text()
+    report(found.as_dict(), as_json, lambda _: f"{table}\n\nwritten  {output / 'index.html'}")
+    return _status(found.failures)
+
+
+def _expected_text(facts: dict[str, Any], table: str) -> str:
+    from lfdepth.memory import size_text
+
+    return (
+        f"{table}\n\n{len(facts['scenes'])} scenes to do, {facts['there']} done before: about "
+        f"{_duration(facts['seconds'])} on one thread, and {size_text(facts['most_bytes'])} at most for each "
+        "worker"
+    )
+
+
+def _duration(seconds: float) -> str:
+    """A time in words."""
+    if seconds < 90:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def _status(failures: Sequence[Outcome]) -> int:
+    """Name what failed on standard error; the exit status."""
+    for each in failures:
+        named = each.message.startswith(each.scene)
+        print(f"failed: {each.message if named else f'{each.scene}: {each.message}'}", file=sys.stderr)
+    return PARTLY_FAILED if failures else 0

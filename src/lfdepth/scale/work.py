@@ -1,0 +1,176 @@
+"""What a worker of a batch does: one scene, from its path to its file."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lfdepth.errors import LightFieldError
+from lfdepth.estimation import estimate
+from lfdepth.io import read
+from lfdepth.io.atomic import atomic, make_folder
+from lfdepth.io.record import as_record
+from lfdepth.memory import available_memory, size_text
+from lfdepth.result import Result
+from lfdepth.scale.jobs import PROVENANCE, Job, at_hand
+
+LOCKS = ".lfdepth-locks"
+_THUMBNAIL = 160  # px, the longer side
+
+
+class CrowdedError(LightFieldError):
+    """There is no memory for a job here and now; elsewhere or later there may be."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a scene.
+
+    Attributes
+    ----------
+    scene, target
+        Path of the light field, and of the result.
+    status
+        "done"; "there", where it had been done before; or "failed".
+    message
+        Why it failed.
+    shape
+        (V, U, H, W, C).
+    range
+        (min, max) disparity, px per view step.
+    seconds
+        For reading, estimate and writing.
+    worker
+        Host and process that did it.
+    """
+
+    scene: str
+    target: str
+    status: str
+    message: str = ""
+    shape: tuple[int, ...] = ()
+    range: tuple[float, float] | None = None
+    seconds: float | None = None
+    worker: str = ""
+
+
+def run_job(job: Job) -> Outcome:
+    """Do a job, unless it has been done; what goes wrong is part of the outcome.
+
+    Raises
+    ------
+    CrowdedError
+        If what is free of the memory does not suffice, so that another worker may try.
+    """
+    try:
+        with _alone(job):
+            if job.is_done():
+                return Outcome(job.scene, str(job.target), "there")
+            return _done(job)
+    except CrowdedError:
+        raise
+    except Exception as error:  # one bad scene, whatever is wrong with it, must not cost the others
+        return failed(job, error)
+
+
+def failed(job: Job, error: BaseException) -> Outcome:
+    """The outcome of a job that could not be done."""
+    text = " ".join(str(error).split())
+    message = text if isinstance(error, LightFieldError) else f"{type(error).__name__}: {text[:200]}"
+    return Outcome(job.scene, str(job.target), "failed", message, worker=_me())
+
+
+def _done(job: Job) -> Outcome:
+    started = time.perf_counter()
+    with at_hand(job.scene) as path:
+        lf = read(path, **job.reading)
+        chosen = job.chosen()
+        if lf.disparity_range is not None or job.settings.get("range") is not None:
+            _check_room(job, chosen.memory(lf.shape, chosen.planes_for(_range(job, lf)), lf.views.itemsize))
+        result = estimate(lf, chosen, threads=job.threads, **job.settings)
+    _write(job, result)
+    return Outcome(
+        job.scene,
+        str(job.target),
+        "done",
+        shape=lf.shape,
+        range=result.range,
+        seconds=time.perf_counter() - started,
+        worker=_me(),
+    )
+
+
+def _range(job: Job, lf: Any) -> tuple[float, float]:
+    low, high = job.settings.get("range") or lf.disparity_range
+    return float(low), float(high)
+
+
+def _check_room(job: Job, needed: int) -> None:
+    free = available_memory()
+    if free is not None and needed > free and not job.settings.get("force"):
+        raise CrowdedError(
+            f"{job.scene}: needs {size_text(needed)} beside the views, {size_text(free)} are free on "
+            f"{_me()}; expected that it fits; start fewer workers, or larger ones"
+        )
+
+
+def _write(job: Job, result: Result) -> None:
+    """Write the thumbnail, then the result: where that is, all is.
+
+    The result holds nothing that changes from run to run, such as a run time.
+    """
+    record = as_record(result)
+    arrays = {"disparity": record.values, "confidence": record.confidence, "sigma": record.sigma}
+    facts = {
+        "range": np.asarray(result.range),
+        "parameters": np.asarray(record.parameters),
+        PROVENANCE: np.asarray(json.dumps(job.provenance(), sort_keys=True, default=str)),
+    }
+    with atomic(job.thumbnail) as temporary:
+        _thumbnail(result, temporary)
+    with atomic(job.target) as temporary:
+        np.savez(
+            temporary,
+            allow_pickle=False,
+            **{key: value for key, value in arrays.items() if value is not None},
+            **facts,
+        )
+
+
+def _thumbnail(result: Result, path: Path) -> None:
+    from PIL import Image
+
+    from lfdepth.pictures import disparity_colours
+
+    picture = Image.fromarray(disparity_colours(result.disparity))
+    picture.thumbnail((_THUMBNAIL, _THUMBNAIL))
+    picture.save(path, "WEBP", quality=80)
+
+
+@contextmanager
+def _alone(job: Job) -> Iterator[None]:
+    """Wait until no other process works on the same result; a lock ends with the process that holds it."""
+    make_folder(job.thumbnail.parent)
+    file = make_folder(Path(job.folder) / LOCKS) / f"{job.name}.lock"
+    try:
+        import fcntl
+    except ImportError:  # Windows: two batches at once may do the same work, and the last one's file stays
+        yield
+        return
+    with file.open("a") as opened:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(opened, fcntl.LOCK_EX)
+        yield
+
+
+def _me() -> str:
+    return f"{socket.gethostname()}:{os.getpid()}"

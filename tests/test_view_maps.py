@@ -1,0 +1,229 @@
+"""Maps of all views against the truth of each, and of one other view."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lfdepth
+from lfdepth import scenes
+from lfdepth.cli import main
+from lfdepth.errors import LightFieldError
+from lfdepth.io import read_disparity
+from lfdepth.lightfield import LightField
+from lfdepth.result import ViewMaps
+from lfdepth.scale import views as scale_views
+from lfdepth.scale.views import consistency, estimate_views, outermost_views
+
+SIZE, GRID = 96, 5
+FAST: dict[str, Any] = {"threads": 1, "check": False, "effort": "fast"}
+
+
+@cache
+def scene(name: str = "leaves") -> LightField:
+    return scenes.render(name, size=SIZE, views=GRID)
+
+
+@cache
+def truth(name: str = "leaves") -> Any:
+    return scenes.truth_of_views(name, size=SIZE, views=GRID)
+
+
+@cache
+def maps(name: str = "leaves") -> ViewMaps:
+    return estimate_views(scene(name), **FAST)
+
+
+def bad(disparity: Any, expected: Any) -> float:
+    return 100 * float(np.mean(np.abs(disparity - expected) > 0.07))
+
+
+# Truth
+
+
+def test_truths_of_all_views_hold_in_each_other() -> None:
+    """A law: what one view shows is where the others show it, unless something nearer is there."""
+    own = scene().truth
+    assert own is not None
+    np.testing.assert_array_equal(truth()[2, 2], own)
+    assert consistency(truth(), scene()) > 0.999
+
+
+def test_a_slanted_plane_has_its_closed_form_in_every_view() -> None:
+    """D = a + b·x in the reference view is D = (a + b·x) / (1 − b·u) in view u."""
+    from lfdepth.scenes.model import Layer as SceneLayer
+    from lfdepth.scenes.model import Paint, Plane, Scene
+    from lfdepth.scenes.rendering import truths
+
+    a, b = 0.4, 0.02
+    paint = Paint(np.zeros((4, 4, 3), np.float32))
+    found = truths(Scene([SceneLayer(Plane(a, along_x=b), paint)]), (6, 12), (3, 5))
+    x, u = np.arange(12), np.arange(-2, 3)[:, None, None]
+    np.testing.assert_allclose(found[1], np.broadcast_to((a + b * x) / (1 - b * u), (5, 6, 12)), atol=1e-6)
+
+
+# One other view
+
+
+def test_another_view_is_estimated_as_well_as_its_place_allows() -> None:
+    lf = lfdepth.from_view(scene(), (2, 3))
+    assert lf.shape[:2] == (5, 7)
+    assert lf.centre == (2, 3)
+    np.testing.assert_array_equal(lf.reference, scene().views[2, 3])
+    found = lfdepth.estimate(lf, **FAST).disparity
+    assert bad(found, truth()[2, 3]) < 11.5  # 9.2 in the reference view
+
+
+def test_the_reference_view_is_what_it_was() -> None:
+    assert lfdepth.from_view(scene(), (2, 2)) is scene()
+
+
+def test_views_off_the_grid_stay_where_they_are() -> None:
+    rng = np.random.default_rng(0)
+    positions = rng.uniform(-0.2, 0.2, (5, 5, 2))
+    positions[2, 2] = 0
+    from dataclasses import replace
+
+    lf = replace(scene(), positions=positions)
+    seen = lfdepth.from_view(lf, (0, 4))
+    expected = lf.offsets - lf.offsets[0, 4]
+    np.testing.assert_allclose(seen.offsets[seen.available].reshape(5, 5, 2), expected)
+
+
+@pytest.mark.parametrize(
+    ("view", "message"),
+    [
+        ((5, 0), r"view 5,0 asked for; expected a row from 0 to 4 and a column from 0 to 4; .* view is 2,2"),
+        ((0, -1), r"view 0,-1 asked for"),
+        ((0, 1), r"view 0,1 is absent; expected one that exists"),
+    ],
+)
+def test_views_that_are_not_there_are_refused(view: tuple[int, int], message: str) -> None:
+    lf = scene()
+    present = np.ones((5, 5), np.bool_)
+    present[0, 1] = False
+    some = LightField(lf.views, present=present)
+    with pytest.raises(LightFieldError, match=message):
+        lfdepth.from_view(some, view)
+
+
+# All views
+
+
+def test_all_views_are_nearly_as_good_as_the_reference_view() -> None:
+    """At most 1.3 times as many bad pixels in the typical view; measured: 1.01."""
+    errors = [bad(maps().disparity[at], truth()[at]) for at in np.ndindex(GRID, GRID)]
+    reference = bad(maps().reference.disparity, scene().truth)
+    assert np.mean(errors) < 1.15 * reference
+    assert max(errors) < 1.5 * reference
+
+
+def test_views_agree_with_each_other() -> None:
+    """More than views that are estimated apart, of which 99.2 % of the pixels hold."""
+    assert maps().consistency > 0.995
+    assert consistency(maps().disparity, scene()) > 0.995
+
+
+def test_what_the_reference_view_shows_is_told() -> None:
+    visible = maps().visible
+    assert visible[2, 2].all()
+    assert 0.5 < visible[0, 0].mean() < 0.97  # a border, and what is hidden
+    assert maps().confidence.min() >= 0
+    assert maps().confidence.max() <= 1
+
+
+def test_absent_views_have_no_map() -> None:
+    lf = scenes.render("bars", size=48, views=(3, 5))
+    present = np.ones((3, 5), np.bool_)
+    present[0, 0] = present[1, 4] = False
+    found = estimate_views(LightField(lf.views, present=present, disparity_range=lf.disparity_range), **FAST)
+    np.testing.assert_array_equal(np.isfinite(found.disparity).all(axis=(2, 3)), present)
+    assert not found.confidence[~present].any()
+    assert outermost_views(LightField(lf.views, present=present)) == [(0, 1), (0, 4), (2, 0), (2, 4)]
+
+
+def test_too_many_maps_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scale_views, "available_memory", lambda: 10_000_000 // 5)
+    with pytest.raises(LightFieldError, match=r"maps of all 25 views need .* expected that they fit; use"):
+        estimate_views(scene(), **FAST)
+
+
+# Files
+
+
+def _zarr(path: Path) -> Any:
+    return pytest.importorskip("zarr").open_group(str(path), mode="r")["disparity"][...]
+
+
+def _folder(path: Path) -> Any:
+    shape = maps().disparity.shape[:2]
+    return np.array(
+        [[read_disparity(path / f"disparity_v{v:02d}_u{u:02d}.pfm") for u in range(5)] for v in range(5)]
+    ).reshape(*shape, SIZE, SIZE)
+
+
+@pytest.mark.parametrize(
+    ("name", "read"),
+    [("a.npz", lambda path: np.load(path)["disparity"]), ("a.zarr", _zarr), ("a", _folder)],
+)
+def test_maps_are_read_back_as_they_were(name: str, read: Callable[[Path], Any], tmp_path: Path) -> None:
+    lfdepth.write(tmp_path / name, maps())
+    lfdepth.write(tmp_path / name, maps())  # over what it wrote itself
+    np.testing.assert_array_equal(read(tmp_path / name), maps().disparity)
+
+
+def test_other_endings_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(LightFieldError, match=r"\.npz or \.zarr, or a folder, without ending"):
+        lfdepth.write(tmp_path / "a.pfm", maps())
+
+
+# The command line
+
+
+@pytest.fixture
+def saved(tmp_path: Path) -> Path:
+    path = tmp_path / "scene.npz"
+    lfdepth.write(path, scenes.render("bars", size=48, views=3))
+    return path
+
+
+def test_all_views_from_the_command_line(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = saved.with_name("all.npz")
+    words = ["estimate", str(saved), "-o", str(out), "--all-views", "--effort", "fast", "--threads", "1"]
+    assert main(words) == 0
+    assert "of the pixels hold in the views they were compared with" in capsys.readouterr().out
+    assert np.load(out)["disparity"].shape == (3, 3, 48, 48)
+
+
+def test_one_view_from_the_command_line(saved: Path) -> None:
+    out = saved.with_name("one.pfm")
+    words = ["estimate", str(saved), "-o", str(out), "--view", "0,2", "--effort", "fast", "--threads", "1"]
+    assert main(words) == 0
+    lf = lfdepth.from_view(lfdepth.read(saved), (0, 2))
+    expected = lfdepth.estimate(lf, threads=1, effort="fast").disparity
+    np.testing.assert_array_equal(read_disparity(out), expected)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["-o", "a.pfm", "--view", "7,0"], "view 7,0 asked for; expected a row from 0 to 2"),
+        (["-o", "a.pfm", "--view", "7"], "expected V,U (row and column from 0)"),
+        (["-o", "a.pfm", "--all-views"], "expected a name ending in .npz or .zarr, or a folder"),
+        (["-o", "a.npz", "--all-views", "--view", "0,0"], "--view: found with --all-views"),
+        (["-o", "a.npz", "--all-views", "--quantity", "depth"], "--quantity: found with --all-views"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_line(
+    words: list[str], message: str, saved: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any
+) -> None:
+    monkeypatch.chdir(saved.parent)
+    assert main(["estimate", str(saved), *words]) == 2
+    error = capsys.readouterr().err.splitlines()
+    assert len(error) == 1
+    assert message in error[0]
