@@ -29,7 +29,7 @@ VALIDATION = 1
 CAPACITY = 7200
 
 
-def save(path: Path, **arrays: np.ndarray) -> None:
+def save(path: Path, **arrays: Any) -> None:
     """Write arrays, whole or not at all."""
     part = path.with_suffix(".part")
     with part.open("wb") as file:
@@ -114,7 +114,7 @@ def train(chosen: argparse.Namespace) -> None:
             if chosen.start and (file := chosen.start / f"{self.name}.npz").is_file():
                 arrays = {k: torch.as_tensor(v) for k, v in read_arrays(file).items()}
                 self.net.load_state_dict(arrays, strict=False)
-            self.net.to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+            self.net.to(device, memory_format=torch.channels_last)
             self.mean = {k: v.detach().clone().float() for k, v in self.net.state_dict().items()}
             self.optimiser = torch.optim.Adam(
                 self.net.parameters(), lr=chosen.rate, betas=(0.9, 0.99), fused=device.type == "cuda"
@@ -153,7 +153,7 @@ def train(chosen: argparse.Namespace) -> None:
         def scores(self) -> list[float]:
             if not validation:
                 return [math.nan] * 4
-            net = Epinet(self.shape).to(device, memory_format=torch.channels_last)  # type: ignore[call-overload]
+            net = Epinet(self.shape).to(device, memory_format=torch.channels_last)
             net.load_state_dict(self.mean, strict=False)
             net.eval()
             grey = torch.tensor([0.299, 0.587, 0.114], device=device) / 255

@@ -52,7 +52,7 @@ class Epinet(nn.Module):
         for part in self.modules():
             if isinstance(part, nn.Conv2d):
                 nn.init.kaiming_normal_(part.weight, nonlinearity="relu")
-                nn.init.zeros_(part.bias)  # type: ignore[arg-type]
+                nn.init.zeros_(part.bias)
         nn.init.normal_(self.last.second.weight, std=0.01)
 
     def forward(self, stacks: torch.Tensor) -> torch.Tensor:

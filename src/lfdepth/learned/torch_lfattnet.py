@@ -102,7 +102,7 @@ class Attention(nn.Module):
         channels = VIEWS * VIEWS * FEATURES
         self.first, self.second = nn.Linear(channels, 170), nn.Linear(170, 15)
         half = VIEWS // 2
-        pairs = {}
+        pairs: dict[tuple[int, int], int] = {}
         for i in range(half + 1):
             for j in range(i + 1):
                 pairs[i, j] = pairs[j, i] = len(set(pairs.values()))

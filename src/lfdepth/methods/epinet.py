@@ -86,11 +86,11 @@ class Epinet(Method):
             with trace.block("network"):
                 found.append(predict(network, grey, self.sizes, turn, self.tile))
             trace.step("network")
-        disparity = np.mean(found, axis=0, dtype=np.float32)
+        disparity = np.asarray(np.mean(found, axis=0), np.float32)
         with trace.block("confidence"):
             sure = confidence(grey, disparity, self.sizes.views)
-            sure /= 1 + np.std(found, axis=0) / _DISAGREEMENT
-        return Maps(disparity, sure)
+            spread = np.std(found, axis=0, dtype=np.float32)
+        return Maps(disparity, np.asarray(sure / (1 + spread / _DISAGREEMENT), np.float32))
 
 
 @dataclass(frozen=True, kw_only=True)

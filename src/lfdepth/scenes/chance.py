@@ -139,10 +139,10 @@ def _textures(seed: int, number: int) -> tuple[Texture, ...]:
     return tuple(made)
 
 
-def _colour(rng: np.random.Generator) -> npt.NDArray[np.float64]:
+def _colour(rng: np.random.Generator) -> list[float]:
     """RGB, mostly muted."""
     grey = rng.uniform(35, 215)
-    return np.clip(grey + rng.normal(0, rng.uniform(3, 45), 3), 25, 230)
+    return [float(each) for each in np.clip(grey + rng.normal(0, rng.uniform(3, 45), 3), 25, 230)]
 
 
 def _mottled(rng: np.random.Generator, n: int) -> Texture:

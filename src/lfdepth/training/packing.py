@@ -17,6 +17,6 @@ def packed(arrays: Mapping[str, npt.NDArray[Any]]) -> bytes:
     with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as file:
         for key in sorted(arrays):
             member = io.BytesIO()
-            np.save(member, np.ascontiguousarray(arrays[key]), allow_pickle=False)
+            np.save(member, np.asarray(arrays[key], order="C"), allow_pickle=False)
             file.writestr(zipfile.ZipInfo(f"{key}.npy"), member.getvalue(), zipfile.ZIP_DEFLATED)
     return target.getvalue()
