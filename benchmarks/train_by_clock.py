@@ -27,6 +27,7 @@ SIZE = 160
 VALIDATION = 1
 """Series of scenes that nothing is trained on; 0 is trained on."""
 CAPACITY = 7200
+_WARM = 6
 
 
 def save(path: Path, **arrays: Any) -> None:
@@ -71,6 +72,7 @@ def train(chosen: argparse.Namespace) -> None:
     from lfdepth.training.batches import Batches, Variation
 
     device = torch.device("cuda" if torch.cuda.is_available() else "cpu")
+    cuda = device.type == "cuda"
     torch.backends.cudnn.benchmark = True
     torch.set_num_threads(2)
     torch.manual_seed(0)
@@ -79,7 +81,11 @@ def train(chosen: argparse.Namespace) -> None:
     capacity = min(CAPACITY, chosen.capacity)
     views = torch.empty((capacity, len(positions), SIZE, SIZE, 3), dtype=torch.uint8, device=device)
     truth = torch.empty((capacity, SIZE, SIZE), device=device)
-    held = [0]
+    held, listed = [0], [0]
+    # Scenes by the chance to be drawn: those of small disparities stand here three times.
+    listing = torch.zeros(3 * capacity, dtype=torch.int64, device=device)
+    length = torch.ones((), device=device)
+    busy = threading.Lock()
     validation: list[tuple[Any, Any]] = []
     done = threading.Event()
 
@@ -90,18 +96,23 @@ def train(chosen: argparse.Namespace) -> None:
                     new = file["views"], file["truth"]
                 path.unlink()
                 if path.name.startswith("validation"):
-                    validation.append(
-                        (torch.as_tensor(new[0]).to(device), torch.as_tensor(new[1]).to(device))
-                    )
+                    with busy:
+                        validation.append(
+                            (torch.as_tensor(new[0]).to(device), torch.as_tensor(new[1]).to(device))
+                        )
                 elif held[0] + SET <= capacity:
                     part = slice(held[0], held[0] + SET)
-                    views[part], truth[part] = (
-                        torch.as_tensor(new[0]).to(device),
-                        torch.as_tensor(new[1]).to(device),
-                    )
-                    if device.type == "cuda":
-                        torch.cuda.current_stream().synchronize()
-                    held[0] += SET
+                    often = np.where(np.abs(new[1]).max((1, 2)) <= chosen.usual, 3, 1)
+                    entries = np.repeat(np.arange(held[0], held[0] + SET), often)
+                    with busy:
+                        views[part] = torch.as_tensor(new[0]).to(device)
+                        truth[part] = torch.as_tensor(new[1]).to(device)
+                        listing[listed[0] : listed[0] + len(entries)] = torch.as_tensor(entries).to(device)
+                        listed[0] += len(entries)
+                        length.fill_(listed[0])
+                        if cuda:
+                            torch.cuda.synchronize()
+                        held[0] += SET
             time.sleep(0.3)
 
     threading.Thread(target=load, daemon=True).start()
@@ -116,32 +127,73 @@ def train(chosen: argparse.Namespace) -> None:
                 self.net.load_state_dict(arrays, strict=False)
             self.net.to(device, memory_format=torch.channels_last)
             self.mean = {k: v.detach().clone().float() for k, v in self.net.state_dict().items()}
+            self.rate = torch.tensor(chosen.rate, device=device)
             self.optimiser = torch.optim.Adam(
-                self.net.parameters(), lr=chosen.rate, betas=(0.9, 0.99), fused=device.type == "cuda"
+                self.net.parameters(),
+                lr=self.rate if cuda else chosen.rate,
+                betas=(0.9, 0.99),
+                fused=cuda,
+                capturable=cuda,
             )
-            generator = torch.Generator(device).manual_seed(7)
+            # a graph knows the state of the default generator alone
+            generator = torch.cuda.default_generators[device.index or 0] if cuda else torch.Generator()
             self.batches = Batches(positions, Variation(chosen.crop, self.shape.lost // 2), generator)
             self.count, self.loss = 0, torch.zeros((), device=device)
             self.since = 0
+            self.graph: Any = None
+            self.coarse, self.warmed = False, 0
+            self.side = torch.cuda.Stream() if cuda else None
+
+        def learn(self) -> None:
+            """One step, without anything that asks the processor."""
+            drawn = torch.rand(self.batch, device=device) * length
+            grey, target = self.batches.draw(views, truth, self.batch, listing[drawn.long()])
+            with torch.autocast(device.type, torch.bfloat16, enabled=self.coarse, cache_enabled=False):
+                found = self.net(grey[:, order])
+            loss = (found.float() - target).abs().mean()
+            loss.backward()
+            torch.nn.utils.clip_grad_norm_(self.net.parameters(), 5.0, foreach=True)
+            self.optimiser.step()
+            self.loss.add_(loss.detach())
+
+        def capture(self) -> None:
+            """Record a step as a graph, which is played back without the processor's help."""
+            with busy:
+                torch.cuda.synchronize()
+                self.optimiser.zero_grad(set_to_none=True)
+                graph = torch.cuda.CUDAGraph()
+                with torch.cuda.graph(graph, capture_error_mode="thread_local"):
+                    self.learn()
+                torch.cuda.synchronize()
+                self.graph = graph
 
         def step(self, share: float) -> None:
             warm = min(1.0, (self.count + 1) / 200)
             rate = chosen.rate * warm * (0.5 * (1 + math.cos(math.pi * share)) + 1e-3)
-            for group in self.optimiser.param_groups:
-                group["lr"] = rate
-            grey, target = self.batches.draw(views[: held[0]], truth[: held[0]], self.batch)
-            coarse = share < chosen.fine_from and device.type == "cuda"
-            with torch.autocast(device.type, torch.bfloat16, enabled=coarse):
-                found = self.net(grey[:, order])
-            # target is cropped by `border` = lost / 2 on either side
-            loss = (found.float() - target).abs().mean()
-            self.optimiser.zero_grad(set_to_none=True)
-            loss.backward()
-            torch.nn.utils.clip_grad_norm_(self.net.parameters(), 5.0, foreach=True)
-            self.optimiser.step()
-            self.count, self.loss, self.since = self.count + 1, self.loss + loss.detach(), self.since + 1
-            if self.count % 4 == 0:
-                keep = min(0.992, 1 - 4 / (self.count + 4))
+            if cuda:
+                self.rate.fill_(rate)
+            else:
+                self.optimiser.param_groups[0]["lr"] = rate
+            coarse = cuda and share < chosen.fine_from
+            if coarse != self.coarse:
+                self.graph, self.coarse, self.warmed = None, coarse, 0
+            if chosen.graph and cuda and self.graph is None and self.warmed == _WARM:
+                self.capture()
+                print(f"{self.name}: recorded a step, bfloat16 {self.coarse}", flush=True)
+            if self.graph is not None:
+                self.graph.replay()
+            else:
+                self.optimiser.zero_grad(set_to_none=True)
+                if self.side is not None:
+                    self.side.wait_stream(torch.cuda.current_stream())
+                with torch.cuda.stream(self.side):
+                    self.learn()
+                if self.side is not None:
+                    torch.cuda.current_stream().wait_stream(self.side)
+                self.warmed += 1
+            self.count, self.since = self.count + 1, self.since + 1
+            if self.count % 8 == 0:
+                keep = min(0.984, 1 - 8 / (self.count + 8))
                 state = self.net.state_dict()
                 names = [k for k, v in state.items() if v.is_floating_point()]
                 torch._foreach_lerp_([self.mean[k] for k in names], [state[k] for k in names], 1 - keep)
@@ -183,7 +235,8 @@ def train(chosen: argparse.Namespace) -> None:
                     float(run.loss) / max(1, run.since),
                     *run.scores(),
                 ]
-                run.loss, run.since = run.loss * 0, 0
+                run.loss.zero_()
+                run.since = 0
                 table.writerow(row)
                 print(*row, flush=True)
                 kind = np.float32 if run.shape.filters < 50 else np.float16
@@ -195,13 +248,13 @@ def train(chosen: argparse.Namespace) -> None:
                 raise SystemExit("no scenes were rendered in time")
             time.sleep(0.2)
         begun = time.time()
-        length = chosen.until - 6 - begun
+        duration = chosen.until - 6 - begun
         reported = 0.0
-        while (now := time.time() - begun) < length:
+        while (now := time.time() - begun) < duration:
             for run in runs:
                 for _ in range(run.steps):
-                    run.step(min(1.0, now / length))
-            if device.type == "cuda" and runs[0].count % 8 == 0:
+                    run.step(min(1.0, now / duration))
+            if cuda and runs[0].count % 16 < runs[0].steps:
                 torch.cuda.synchronize()
             if now - reported > chosen.every:
                 report(now)
@@ -230,7 +283,9 @@ def main() -> None:
     two.add_argument("--crop", type=int, default=64)
     two.add_argument("--capacity", type=int, default=CAPACITY)
     two.add_argument("--every", type=float, default=15)
-    two.add_argument("--fine-from", type=float, default=0.5)
+    two.add_argument("--fine-from", type=float, default=0.6, help="share of the time that bfloat16 will do")
+    two.add_argument("--usual", type=float, default=2.2, help="scenes whose |D| stays below come three times")
+    two.add_argument("--graph", action="store_true", help="record a step as a CUDA graph")
     two.set_defaults(run=train)
     chosen = parser.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "2")

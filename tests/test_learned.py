@@ -14,7 +14,8 @@ import lfdepth
 from lfdepth import LightField, LightFieldError
 from lfdepth.learned.epinet_onnx import epinet_onnx
 from lfdepth.learned.forward import Forward
-from lfdepth.learned.running import TURNS, grey_views, predict
+from lfdepth.learned.lfattnet import lfattnet_arrays
+from lfdepth.learned.running import TURNS, grey_views, lfattnet_of, predict, predict_views, stack_views
 from lfdepth.learned.shape import EPINETS, EPSILON, EpinetShape, Weights
 from lfdepth.learned.stacks import stacks
 from lfdepth.learned.weights import read_arrays, shipped
@@ -141,7 +142,7 @@ def field(number: int = 0, size: int = 48, views: int = 5) -> LightField:
 
 
 def test_tiles_do_not_show() -> None:
-    network, grey = Forward(SMALL, chance_weights(SMALL)), grey_views(field(), 5)
+    network, grey = Forward(SMALL, chance_weights(SMALL)), grey_views(field(), stack_views(5))
     whole_map = predict(network, grey, SMALL, TURNS[0], 100)
     assert whole_map.shape == (48, 48)
     np.testing.assert_allclose(predict(network, grey, SMALL, TURNS[0], 17), whole_map, atol=1e-5)
@@ -156,10 +157,14 @@ def test_turned_views_are_looked_at_as_they_are(turn: tuple[bool, bool, bool]) -
     views = views[:, :, :, :: -1 if flip_u else 1]
     views = views.transpose(1, 0, 3, 2, 4) if swap else views
     network = Forward(SMALL, chance_weights(SMALL))
-    expected = predict(network, grey_views(LightField(np.ascontiguousarray(views)), 5), SMALL, TURNS[0], 64)
+    expected = predict(
+        network, grey_views(LightField(np.ascontiguousarray(views)), stack_views(5)), SMALL, TURNS[0], 64
+    )
     expected = expected.T if swap else expected
     expected = expected[:: -1 if flip_v else 1, :: -1 if flip_u else 1]
-    np.testing.assert_allclose(predict(network, grey_views(lf, 5), SMALL, turn, 64), expected, atol=1e-5)
+    np.testing.assert_allclose(
+        predict(network, grey_views(lf, stack_views(5)), SMALL, turn, 64), expected, atol=1e-5
+    )
 
 
 def keras_file(path: Path, shape: EpinetShape, weights: Weights) -> None:
@@ -241,6 +246,25 @@ def test_an_onnx_file_of_another_net(tmp_path: Path) -> None:
     for name, words in {"other": "this is no epinet", "none": "cannot be used"}.items():
         with pytest.raises(LightFieldError, match=words):
             lfdepth.method("epinet", weights=str(tmp_path / f"{name}.onnx")).check((9, 9, 64, 64, 3))
+
+
+def test_lfattnet_in_tiles_without_torch(tmp_path: Path) -> None:
+    """Weights that leave the volume's score alone give a softmax of zeros: the mean of the planes, 0."""
+    pytest.importorskip("onnxruntime", reason="needs the extra onnx")
+    arrays = {name: np.zeros(size, np.float32) for name, size in lfattnet_arrays().items()}
+    for name in arrays:
+        if "running_var" in name:
+            arrays[name] += 1
+    (tmp_path / "zero.npz").write_bytes(packed(arrays))
+    lf = LightField(np.zeros((9, 9, 14, 20, 3), np.uint8))
+    network = lfattnet_of(str(tmp_path / "zero.npz"))
+    found = predict_views(network, grey_views(lf, whole(9)), side=16, margin=0, multiple=16)
+    assert found.shape == (14, 20)
+    assert np.abs(found).max() < 1e-6
+    sizes = {name: int(np.prod(size)) for name, size in lfattnet_arrays().items()}
+    assert sum(sizes.values()) == 5_058_133
+    with pytest.raises(LightFieldError, match="lfdepth train lfattnet"):
+        lfdepth.method("lfattnet").check((9, 9, 64, 64, 3))
 
 
 def test_export_needs_weights(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from lfdepth import LightFieldError
 
 torch = pytest.importorskip("torch", reason="needs the extra train")
 
+from lfdepth.learned.lfattnet import lfattnet_onnx  # noqa: E402
 from lfdepth.learned.shape import EpinetShape  # noqa: E402
 from lfdepth.learned.stacks import stack_indices  # noqa: E402
 from lfdepth.learned.torch_lfattnet import Lfattnet  # noqa: E402
@@ -43,6 +44,27 @@ def test_lfattnet_has_the_published_numbers_of_weights() -> None:
     assert numbers(net) == (5_055_329, 5_058_133)
     assert numbers(net.features)[1] == 34_868
     assert numbers(net.attention)[1] == 57_815
+
+
+def test_lfattnet_as_onnx_is_the_same(tmp_path: Path) -> None:
+    pytest.importorskip("onnxruntime", reason="needs the extra onnx")
+    from lfdepth.learned.onnx_running import OnnxNetwork
+
+    generator = torch.Generator().manual_seed(0)
+    net = Lfattnet().eval()
+    with torch.no_grad():
+        for name, value in net.named_buffers():
+            if "running_var" in name:
+                value.uniform_(0.5, 2, generator=generator)
+        net.last.weight.mul_(30_000)
+        weights = {k: v.numpy() for k, v in net.state_dict().items() if v.is_floating_point()}
+        views = torch.rand(1, 81, 16, 32, generator=generator)
+        expected = net(views)[0].numpy()
+    assert np.ptp(expected) > 0.1
+    path = tmp_path / "net.onnx"
+    path.write_bytes(lfattnet_onnx(weights))
+    found = OnnxNetwork(path, (81,), "lfattnet")(views[0].numpy())
+    np.testing.assert_allclose(found, expected, atol=1e-4)
 
 
 def test_lfattnet_moves_views_onto_each_other() -> None:

@@ -23,6 +23,8 @@ class OnnxNetwork:
         The first sizes that its input has to have.
     name
         Of the method, for messages.
+    content
+        What a file would hold, where it was made from the weights in `path`.
 
     Raises
     ------
@@ -30,7 +32,7 @@ class OnnxNetwork:
         If onnxruntime is not installed, or the file is no such network.
     """
 
-    def __init__(self, path: Path, leading: tuple[int, ...], name: str) -> None:
+    def __init__(self, path: Path, leading: tuple[int, ...], name: str, content: bytes | None = None) -> None:
         try:
             runtime = import_module("onnxruntime")
         except ImportError:
@@ -38,7 +40,7 @@ class OnnxNetwork:
                 f'{path}: needs onnxruntime, which is not installed; expected the extra "onnx"; run: '
                 'pip install "lfdepth[onnx]"'
             ) from None
-        self._session: Any = _session(runtime, path)
+        self._session: Any = _session(runtime, path, content)
         taken = self._session.get_inputs()
         if len(taken) != 1 or tuple(taken[0].shape[: len(leading)]) != leading:
             raise LightFieldError(
@@ -54,12 +56,12 @@ class OnnxNetwork:
         return np.asarray(found, np.float32)
 
 
-def _session(runtime: Any, path: Path) -> Any:
+def _session(runtime: Any, path: Path, content: bytes | None) -> Any:
     options = runtime.SessionOptions()
     options.log_severity_level = 4
     options.enable_mem_pattern = False  # tiles differ in size
     try:
-        return runtime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+        return runtime.InferenceSession(content or str(path), options, providers=["CPUExecutionProvider"])
     except Exception as error:  # its exceptions have no common base but this
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise LightFieldError(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from lfdepth.errors import LightFieldError
 from lfdepth.learned.forward import Forward, tiles
+from lfdepth.learned.lfattnet import VIEWS, lfattnet_arrays, lfattnet_onnx
 from lfdepth.learned.shape import EPINETS, EpinetShape
 from lfdepth.learned.stacks import Position, stacks
 from lfdepth.learned.weights import check_arrays, read_arrays, shipped
@@ -41,13 +42,7 @@ def network_of(name: str, weights: str | None) -> Network:
             f"authors' with lfdepth weights import {name} FILE.hdf5 and give them with --weights, or use "
             "epinet-s, whose weights come with lfdepth"
         )
-    try:
-        changed = path.stat().st_mtime_ns
-    except OSError as error:
-        raise LightFieldError(
-            f"{path}: cannot be read ({error.strerror}), expected weights of {name}; give another file"
-        ) from None
-    return _loaded(name, path, changed)
+    return _loaded(name, path, _changed(path, name))
 
 
 @lru_cache(maxsize=2)
@@ -62,14 +57,79 @@ def _loaded(name: str, path: Path, changed: int) -> Network:
     return Forward(shape, arrays)
 
 
-def grey_views(lf: LightField, across: int) -> dict[Position, Float]:
-    """The stacks' views (H, W), grey in 0..1, by position."""
+def lfattnet_of(weights: str | None) -> Network:
+    """LFAttNet with weights of a file, NPZ or ONNX; takes views (81, H, W).
+
+    Raises
+    ------
+    LightFieldError
+        If there are no weights, the file's cannot be used, or onnxruntime is not installed.
+    """
+    if weights is None:
+        raise LightFieldError(
+            "lfattnet: found no weights, expected a file; train them with lfdepth train lfattnet and give "
+            "them with --weights, or use epinet-s, whose weights come with lfdepth"
+        )
+    path = Path(weights)
+    return _lfattnet(path, _changed(path, "lfattnet"))
+
+
+@lru_cache(maxsize=1)
+def _lfattnet(path: Path, changed: int) -> Network:
+    from lfdepth.learned.onnx_running import OnnxNetwork
+
+    leading = (VIEWS * VIEWS,)
+    if path.suffix.lower() == ".onnx":
+        return OnnxNetwork(path, leading, "lfattnet")
+    arrays = read_arrays(path)
+    check_arrays(path, arrays, lfattnet_arrays(), "lfattnet")
+    return OnnxNetwork(path, leading, "lfattnet", lfattnet_onnx(arrays))
+
+
+def _changed(path: Path, name: str) -> int:
+    """When a file was written last."""
+    try:
+        return path.stat().st_mtime_ns
+    except OSError as error:
+        raise LightFieldError(
+            f"{path}: cannot be read ({error.strerror}), expected weights of {name}; give another file"
+        ) from None
+
+
+def stack_views(across: int) -> list[Position]:
+    """The views that EPINET looks at, each once."""
+    return list(dict.fromkeys(position for stack in stacks(across) for position in stack))
+
+
+def grey_views(lf: LightField, positions: Sequence[Position]) -> dict[Position, Float]:
+    """Views (H, W), grey in 0..1, by position."""
     v, u = lf.centre
     return {
         position: luma(lf.views[v + position[0], u + position[1]]) / np.float32(lf.full_scale)
-        for stack in stacks(across)
-        for position in stack
+        for position in positions
     }
+
+
+def predict_views(
+    network: Network, grey: dict[Position, Float], side: int, margin: int, multiple: int
+) -> Float:
+    """Disparity (H, W) by a network that takes all views (N, h, w), in tiles with `margin` px around them.
+
+    Views are continued beyond their borders by the values there; h and w are multiples of `multiple`.
+    """
+    height, width = grey[(0, 0)].shape
+    views = np.stack([np.pad(grey[place], margin, "edge") for place in sorted(grey)])
+    found = np.empty((height, width), np.float32)
+    for rows, columns in tiles(height, width, side):
+        part = views[:, rows.start : rows.stop + 2 * margin, columns.start : columns.stop + 2 * margin]
+        more = [(0, -size % multiple) for size in part.shape[1:]]
+        tile = network(np.ascontiguousarray(np.pad(part, [(0, 0), *more], "edge")))
+        inner = (
+            slice(margin, margin + rows.stop - rows.start),
+            slice(margin, margin + columns.stop - columns.start),
+        )
+        found[rows, columns] = tile[inner]
+    return found
 
 
 def predict(

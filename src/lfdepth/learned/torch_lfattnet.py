@@ -10,18 +10,17 @@ import torch
 from torch import nn
 from torch.nn import functional
 
+from lfdepth.learned.lfattnet import (
+    CHANNELS,
+    FEATURES,
+    HIDDEN,
+    PLANES,
+    POOLS,
+    VIEWS,
+    WEIGHTS,
+    mirrored,
+)
 from lfdepth.learned.shape import EPSILON
-
-PLANES = tuple(range(-4, 5))
-"""Disparities of the volume, px per view step."""
-VIEWS = 9
-"""Views along an axis."""
-FEATURES = 4
-"""Features of a view."""
-_CHANNELS = 150
-_POOLS = (2, 4, 8, 16)
-SMALLEST = max(_POOLS)
-"""Views are a multiple of this high and wide."""
 
 
 def _normed(inside: int, outside: int, kernel: int, dilation: int = 1) -> nn.Sequential:
@@ -69,8 +68,8 @@ class Features(nn.Module):
         self.stages = nn.ModuleList(
             [_stage(4, 4, 2), _stage(4, 8, 8), _stage(8, 16, 2), _stage(16, 16, 2, 2)]
         )
-        self.pools = nn.ModuleList([_normed(16, 4, 1) for _ in _POOLS])
-        self.joined = _normed(8 + 16 + 4 * len(_POOLS), 16, 3)
+        self.pools = nn.ModuleList([_normed(16, 4, 1) for _ in POOLS])
+        self.joined = _normed(8 + 16 + 4 * len(POOLS), 16, 3)
         self.last = nn.Conv2d(16, FEATURES, 1, bias=False)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
@@ -87,7 +86,7 @@ class Features(nn.Module):
                 mode="bilinear",
                 align_corners=True,
             )
-            for pool, size in zip(self.pools, _POOLS, strict=True)
+            for pool, size in zip(self.pools, POOLS, strict=True)
         ]
         joined = torch.cat([kept[1], kept[3], *pooled[::-1]], 1)
         found: torch.Tensor = self.last(torch.relu(self.joined(joined)))
@@ -100,18 +99,8 @@ class Attention(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         channels = VIEWS * VIEWS * FEATURES
-        self.first, self.second = nn.Linear(channels, 170), nn.Linear(170, 15)
-        half = VIEWS // 2
-        pairs: dict[tuple[int, int], int] = {}
-        for i in range(half + 1):
-            for j in range(i + 1):
-                pairs[i, j] = pairs[j, i] = len(set(pairs.values()))
-        index = [
-            pairs[half - abs(v), half - abs(u)]
-            for v in range(-half, half + 1)
-            for u in range(-half, half + 1)
-        ]
-        self.register_buffer("index", torch.tensor(index), persistent=False)
+        self.first, self.second = nn.Linear(channels, HIDDEN), nn.Linear(HIDDEN, WEIGHTS)
+        self.register_buffer("index", torch.tensor(mirrored()), persistent=False)
 
     def forward(self, volume: torch.Tensor) -> torch.Tensor:
         """Weights (N, 81) of a volume (N, 324, D, H, W)."""
@@ -125,7 +114,7 @@ class Residual3(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self.first, self.second = _normed3(_CHANNELS, _CHANNELS), _normed3(_CHANNELS, _CHANNELS)
+        self.first, self.second = _normed3(CHANNELS, CHANNELS), _normed3(CHANNELS, CHANNELS)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Same size."""
@@ -140,11 +129,11 @@ class Lfattnet(nn.Module):
         super().__init__()
         self.features, self.attention = Features(), Attention()
         self.begin = nn.ModuleList(
-            [_normed3(VIEWS * VIEWS * FEATURES, _CHANNELS), _normed3(_CHANNELS, _CHANNELS)]
+            [_normed3(VIEWS * VIEWS * FEATURES, CHANNELS), _normed3(CHANNELS, CHANNELS)]
         )
         self.middle = nn.Sequential(Residual3(), Residual3())
-        self.end = _normed3(_CHANNELS, _CHANNELS)
-        self.last = nn.Conv3d(_CHANNELS, 1, 3, padding=1, bias=False)
+        self.end = _normed3(CHANNELS, CHANNELS)
+        self.last = nn.Conv3d(CHANNELS, 1, 3, padding=1, bias=False)
 
     def forward(self, views: torch.Tensor) -> torch.Tensor:
         """Disparity (N, H, W), px per view step.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfdepth.errors import LightFieldError
-from lfdepth.learned.running import TURNS, confidence, grey_views, network_of, predict
+from lfdepth.learned.running import TURNS, confidence, grey_views, network_of, predict, stack_views
 from lfdepth.learned.shape import EPINETS, EpinetShape
 from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
 from lfdepth.methods.parameters import Text, Whole
@@ -80,7 +80,7 @@ class Epinet(Method):
         trace.steps(self.turns)
         with trace.block("preparation"):
             network = network_of(self.name, self.weights)
-            grey = grey_views(lf, self.sizes.views)
+            grey = grey_views(lf, stack_views(self.sizes.views))
         found = []
         for turn in TURNS[: self.turns]:
             with trace.block("network"):

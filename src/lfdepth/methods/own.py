@@ -26,6 +26,7 @@ _COMPARED = {
 _LEARNED = {
     "epinet": "lfdepth.methods.epinet:Epinet",
     "epinet-s": "lfdepth.methods.epinet:EpinetS",
+    "lfattnet": "lfdepth.methods.lfattnet:Lfattnet",
 }
 
 HOMES = {**_FAMILY, **_COMPARED, **_LEARNED}

@@ -51,9 +51,12 @@ class Batches:
         self.variation, self.generator = variation, generator
         self.device = generator.device
         turns = [turned(positions, bool(g & 1), bool(g & 2), bool(g & 4)) for g in range(8)]
+        self._luma = torch.tensor(GREY, device=self.device)
         self.turns = torch.as_tensor([list(map(int, turn)) for turn in turns], device=self.device)
 
-    def draw(self, views: torch.Tensor, truth: torch.Tensor, count: int) -> tuple[torch.Tensor, torch.Tensor]:
+    def draw(
+        self, views: torch.Tensor, truth: torch.Tensor, count: int, scene: torch.Tensor | None = None
+    ) -> tuple[torch.Tensor, torch.Tensor]:
         """Draw crops: grey views (count, N, crop, crop) in 0..1, and truth (count, crop - 2·border, ...).
 
         Parameters
@@ -64,11 +67,14 @@ class Batches:
             (scenes, H, W).
         count
             Crops.
+        scene
+            (count,) scene of each crop; left to chance by default.
         """
         rule = self.variation
         scale = 1 + (self._uniform(count) < rule.scaled).long()
         scale = torch.where(scale * (rule.crop - 1) < views.shape[2], scale, 1)
-        scene = self._whole(count, views.shape[0])
+        if scene is None:
+            scene = self._whole(count, views.shape[0])
         rows, columns, turn = self._pixels(count, scale, views.shape[2], views.shape[3])
         which = self.turns[turn][:, :, None, None]
         colours = views[scene[:, None, None, None], which, rows[:, None], columns[:, None]]
@@ -98,7 +104,7 @@ class Batches:
         count = colours.shape[0]
         weights = 0.05 + self._uniform(count, 3)
         weights = weights / weights.sum(1, keepdim=True)
-        weights = torch.where(self._uniform(count, 1) < 0.3, torch.tensor(GREY, device=self.device), weights)
+        weights = torch.where(self._uniform(count, 1) < 0.3, self._luma, weights)
         grey = (colours.float() * (weights / 255)[:, None, None, None]).sum(-1)
         shape = (count, 1, 1, 1)
         grey = grey.clamp(1e-4, 1) ** (0.8 + 0.4 * self._uniform(*shape))

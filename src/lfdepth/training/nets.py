@@ -65,7 +65,8 @@ def trainee(name: str) -> Trainee:
     if name in EPINETS:
         return epinet_trainee(EPINETS[name], RECIPES[name])
     if name == "lfattnet":
-        from lfdepth.learned.torch_lfattnet import VIEWS, Lfattnet
+        from lfdepth.learned.lfattnet import VIEWS
+        from lfdepth.learned.torch_lfattnet import Lfattnet
 
         return Trainee(Lfattnet, whole(VIEWS), lambda grey: grey, 0, RECIPES[name])
     raise LightFieldError(f"training: found {name!r}, expected one of {', '.join(RECIPES)}; choose one")

@@ -12,6 +12,7 @@ from lfdepth.errors import LightFieldError
 from lfdepth.io.atomic import atomic
 from lfdepth.io.extras import need
 from lfdepth.learned.epinet_onnx import epinet_onnx
+from lfdepth.learned.lfattnet import lfattnet_arrays, lfattnet_onnx
 from lfdepth.learned.shape import EPINETS, EpinetShape, Weights
 from lfdepth.learned.weights import check_arrays, read_arrays, shipped
 from lfdepth.training.packing import packed
@@ -61,12 +62,12 @@ def import_weights(name: str, source: str | Path, output: str | Path) -> None:
 
 
 def export_weights(name: str, output: str | Path, *, weights: str | Path | None = None) -> None:
-    """Write an EPINET as an ONNX file.
+    """Write a learned method as an ONNX file.
 
     Parameters
     ----------
     name
-        Name of an EPINET.
+        Name of the method.
     output
         File to write, .onnx.
     weights
@@ -77,16 +78,18 @@ def export_weights(name: str, output: str | Path, *, weights: str | Path | None 
     LightFieldError
         If there are no weights, or they cannot be read, or are another net's.
     """
-    shape, output = _epinet(name), Path(output)
+    output = Path(output)
+    expected = lfattnet_arrays() if name == "lfattnet" else _epinet(name).arrays()
     source = Path(weights) if weights is not None else shipped(name)
     if source is None:
         raise LightFieldError(
             f"{name}: found no weights in the package, expected a file; give one with --weights"
         )
     arrays = read_arrays(source)
-    check_arrays(source, arrays, shape.arrays(), name)
+    check_arrays(source, arrays, expected, name)
+    made = lfattnet_onnx(arrays) if name == "lfattnet" else epinet_onnx(_epinet(name), arrays)
     with atomic(output) as temporary:
-        temporary.write_bytes(epinet_onnx(shape, arrays))
+        temporary.write_bytes(made)
 
 
 def _epinet(name: str) -> EpinetShape:
