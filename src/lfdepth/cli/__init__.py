@@ -61,7 +61,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(words: Sequence[str]) -> int:
     from cyclopts import CycloptsError  # here, so that Ctrl-C is Ctrl-C while it loads, too
 
-    from lfdepth.cli import commands, experiments, scale, viewing  # noqa: F401  # these register themselves
+    from lfdepth.cli import commands, experiments, learned, scale, viewing  # noqa: F401  # these register themselves
     from lfdepth.cli.app import app
     from lfdepth.cli.options import method_named_in
 

@@ -300,7 +300,8 @@ def render(
 
 def _usual() -> tuple[str, ...]:
     """Methods that are compared where none is named."""
-    return tuple(each for each in known_methods.names() if each not in known_methods.COMPARED)
+    apart = (*known_methods.COMPARED, *known_methods.LEARNED)
+    return tuple(each for each in known_methods.names() if each not in apart)
 
 
 def _named(methods: Sequence[str]) -> tuple[str, ...]:

@@ -77,10 +77,14 @@ def _shown(parameter: methods.Parameter) -> Parameter:
     """What the help says of a parameter."""
     symbol = f" ({parameter.spec.symbol})" if parameter.spec.symbol else ""
     values = (
-        "" if isinstance(parameter.spec, methods.Switch | methods.Word) else f" {_capital(parameter.range)}."
+        ""
+        if isinstance(parameter.spec, methods.Switch | methods.Word | methods.Text)
+        else f" {_capital(parameter.range)}."
     )
     default = parameter.default
-    shown = f"{default:g}" if isinstance(default, float) else {True: "yes", False: "no"}.get(default, default)
+    shown = f"{default:g}" if isinstance(default, float) else default
+    if isinstance(default, bool):
+        shown = "yes" if default else "no"
     numeric = parameter.kind in (int, float)
     return Parameter(
         help=f"{parameter.spec.text.rstrip('.')}{symbol}.{values}",

@@ -5,17 +5,17 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from lfdepth.methods.own import COMPARED, DEFAULT, FAMILY, NAMES, PRESETS
+from lfdepth.methods.own import COMPARED, DEFAULT, FAMILY, LEARNED, NAMES, PRESETS
 
 if TYPE_CHECKING:
     from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
-    from lfdepth.methods.parameters import Parameter, Real, Switch, Whole, Word, parameters_of
+    from lfdepth.methods.parameters import Parameter, Real, Switch, Text, Whole, Word, parameters_of
     from lfdepth.methods.registry import method, method_class, names
 
 # What loads NumPy is resolved on first use, so that help appears at once.
 _HOMES = {
     "base": ("Maps", "Method", "MethodInfo", "Problem", "Shape", "Work"),
-    "parameters": ("Parameter", "Real", "Switch", "Whole", "Word", "parameters_of"),
+    "parameters": ("Parameter", "Real", "Switch", "Text", "Whole", "Word", "parameters_of"),
     "registry": ("method", "method_class", "names"),
 }
 
@@ -23,6 +23,7 @@ __all__ = [
     "COMPARED",
     "DEFAULT",
     "FAMILY",
+    "LEARNED",
     "NAMES",
     "PRESETS",
     "Maps",
@@ -33,6 +34,7 @@ __all__ = [
     "Real",
     "Shape",
     "Switch",
+    "Text",
     "Whole",
     "Word",
     "Work",

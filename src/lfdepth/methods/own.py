@@ -23,7 +23,13 @@ _COMPARED = {
     "oavc": "lfdepth.methods.oavc:Oavc",
 }
 
-HOMES = {**_FAMILY, **_COMPARED}
+_LEARNED = {
+    "epinet": "lfdepth.methods.epinet:Epinet",
+    "epinet-s": "lfdepth.methods.epinet:EpinetS",
+    "lfattnet": "lfdepth.methods.lfattnet:Lfattnet",
+}
+
+HOMES = {**_FAMILY, **_COMPARED, **_LEARNED}
 """Module and class by name."""
 
 FAMILY: tuple[str, ...] = tuple(_FAMILY)
@@ -33,7 +39,10 @@ COMPARED: tuple[str, ...] = tuple(_COMPARED)
 """Names of the methods that they are compared with, in the order of the paper's table."""
 
 NAMES: tuple[str, ...] = (*FAMILY, *COMPARED)
-"""Names of all."""
+"""Names of all that take any grid of views and need no weights."""
+
+LEARNED: tuple[str, ...] = tuple(_LEARNED)
+"""Names of the learned systems."""
 
 PRESETS: dict[str, dict[str, Any]] = {
     "paper-synthetic": {"step": 0.02, "skip": 7},

@@ -73,6 +73,11 @@ class Switch(Spec):
 
 
 @dataclass(frozen=True)
+class Text(Spec):
+    """Any text, such as the name of a file."""
+
+
+@dataclass(frozen=True)
 class Parameter:
     """One parameter of a method.
 
@@ -109,6 +114,8 @@ class Parameter:
             return "one of " + ", ".join(self.choices)
         if isinstance(spec, Switch):
             return "yes or no"
+        if isinstance(spec, Text):
+            return "a text"
         bounds = []
         if isinstance(spec, Real) and spec.gt is not None:
             bounds.append(f"above {spec.gt:g}")
@@ -234,12 +241,14 @@ def parameters_of(method: Any) -> Mapping[str, Parameter]:
 def _parameter(method: type, name: str, hint: Any, default: Any) -> Parameter:
     if get_origin(hint) is not Annotated or default is MISSING:
         raise TypeError(
-            f"{method.__name__}.{name}: expected Annotated[type, Real|Whole|Word|Switch(...)] = default"
+            f"{method.__name__}.{name}: expected Annotated[type, Real|Whole|Word|Switch|Text(...)] = default"
         )
     base, *notes = get_args(hint)
     spec = next((note for note in notes if isinstance(note, Spec)), None)
     if spec is None:
-        raise TypeError(f"{method.__name__}.{name}: expected a Real, Whole, Word or Switch in its annotation")
+        raise TypeError(
+            f"{method.__name__}.{name}: expected a Real, Whole, Word, Switch or Text in its annotation"
+        )
     kinds = (
         [each for each in get_args(base) if each is not NoneType] if NoneType in get_args(base) else [base]
     )

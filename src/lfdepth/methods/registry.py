@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from lfdepth.errors import LightFieldError
 from lfdepth.methods.base import Method
-from lfdepth.methods.own import DEFAULT, HOMES, NAMES, PRESETS
+from lfdepth.methods.own import DEFAULT, HOMES, LEARNED, NAMES, PRESETS
 from lfdepth.methods.parameters import parameters_of
 
 if TYPE_CHECKING:
@@ -42,8 +42,8 @@ def _offered() -> dict[str, EntryPoint]:
 
 
 def names() -> tuple[str, ...]:
-    """Names of all methods: lfdepth's own, then those of other packages."""
-    return *NAMES, *sorted(_offered())
+    """Names of all methods: lfdepth's own, learned ones last, then those of other packages."""
+    return *NAMES, *LEARNED, *sorted(_offered())
 
 
 def method_class(name: str) -> type[Method]:

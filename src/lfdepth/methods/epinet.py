@@ -1,0 +1,108 @@
+"""EPINET (Shin et al., CVPR 2018): convolutions over four stacks of views."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfdepth.errors import LightFieldError
+from lfdepth.learned.running import TURNS, confidence, grey_views, network_of, predict, stack_views
+from lfdepth.learned.shape import EPINETS, EpinetShape
+from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
+from lfdepth.methods.parameters import Text, Whole
+
+_DISAGREEMENT = np.float32(0.05)
+"""Deviation between turned maps, px per view step, at which confidence is halved."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Epinet(Method):
+    """Four streams of convolutions look at the middle row, the middle column and the diagonals of 9x9 views.
+
+    The field of view is 23 px, so disparities beyond 4 px per view step are out of reach.
+    docs/learned.md says how it is trained.
+    """
+
+    info: ClassVar = MethodInfo(
+        name="epinet",
+        summary="EPINET, a network over four stacks of views; needs weights (docs/learned.md).",
+        reference="10.1109/CVPR.2018.00499",
+    )
+
+    weights: Annotated[
+        str | None,
+        Text(
+            "File of weights, .npz as lfdepth train writes it or .onnx.",
+            without="those of the package, if any",
+        ),
+    ] = None
+    turns: Annotated[
+        int,
+        Whole("Take the mean over so many ways of turning and mirroring the views.", ge=1, le=8),
+    ] = 1
+    tile: Annotated[
+        int,
+        Whole("Side of the tiles that are computed at a time.", ge=16, le=2048, unit="px"),
+    ] = 128
+
+    @property
+    def sizes(self) -> EpinetShape:
+        """Sizes of the network."""
+        return EPINETS[self.info.name]
+
+    def check(self, shape: Shape) -> None:
+        """It takes nine views along either axis, and weights that fit."""
+        across = self.sizes.views
+        if shape[:2] != (across, across):
+            remedy = "use a method that takes any grid, such as fbs-vis"
+            if min(shape[:2]) >= across:
+                remedy = f"take the middle ones with --views {across}x{across}"
+            raise LightFieldError(
+                f"{self.name}: found {shape[0]}x{shape[1]} views, expected {across}x{across}; {remedy}"
+            )
+        network_of(self.name, self.weights)
+
+    def memory(self, shape: Shape, planes: NDArray[np.float64], sample_bytes: int) -> int:
+        """Grey views of the stacks, and three layers of a tile."""
+        side, channels = self.tile + self.sizes.lost, 4 * self.sizes.filters
+        return 4 * (4 * self.sizes.views * shape[2] * shape[3] + 3 * channels * side * side)
+
+    def halo(self) -> int:
+        """Half of the field of view."""
+        return self.sizes.lost // 2
+
+    def run(self, problem: Problem, work: Work) -> Maps:
+        """Views to stacks, tiles through the network, the mean over turns."""
+        lf, trace = problem.lf, work.trace
+        trace.steps(self.turns)
+        with trace.block("preparation"):
+            network = network_of(self.name, self.weights)
+            grey = grey_views(lf, stack_views(self.sizes.views))
+        found = []
+        for turn in TURNS[: self.turns]:
+            with trace.block("network"):
+                found.append(predict(network, grey, self.sizes, turn, self.tile))
+            trace.step("network")
+        disparity = np.asarray(np.mean(found, axis=0), np.float32)
+        with trace.block("confidence"):
+            sure = confidence(grey, disparity, self.sizes.views)
+            spread = np.std(found, axis=0, dtype=np.float32)
+        return Maps(disparity, np.asarray(sure / (1 + spread / _DISAGREEMENT), np.float32))
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpinetS(Epinet):
+    """EPINET with 30 filters instead of 70; its weights come with the package.
+
+    The field of view is 23 px, so disparities beyond 4 px per view step are out of reach.
+    docs/learned.md says how it was trained.
+    """
+
+    info: ClassVar = MethodInfo(
+        name="epinet-s",
+        summary="EPINET with 30 filters, trained on procedural scenes alone (docs/learned.md).",
+        reference="docs/learned.md",
+    )

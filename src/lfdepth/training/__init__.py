@@ -1,0 +1,1 @@
+"""Training of learned systems on scenes that are rendered while it runs."""
