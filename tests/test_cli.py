@@ -624,7 +624,6 @@ def test_missing_library_is_named_before_the_work(
 ) -> None:
     monkeypatch.setattr(lfdepth, "read", None, raising=False)  # would be called next
     for ending, package in (
-        (".ply", "plyfile"),
         (".tif", "tifffile"),
         (".exr", "OpenEXR"),
         (".zarr", "zarr"),

@@ -50,7 +50,6 @@ _LIBRARIES = {
     ".tiff": ("tifffile", "tiff"),
     ".exr": ("OpenEXR", "exr"),
     ".zarr": ("zarr", "zarr"),
-    ".ply": ("plyfile", "ply"),
 }
 """What an ending needs, and the extra that brings it."""
 

@@ -10,10 +10,10 @@ import numpy.typing as npt
 
 from lfdepth.camera import Camera
 from lfdepth.io.atomic import atomic
-from lfdepth.io.extras import need
 from lfdepth.io.record import Record
 from lfdepth.lightfield import LightField
 
+_TYPES = {"<f4": "float", "|u1": "uchar"}
 _VERTEX = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")]
 
 
@@ -36,17 +36,22 @@ def write_ply(path: Path, record: Record, scene: LightField, camera: Camera, *, 
     mesh : bool
         Also write triangles, cut at occlusion boundaries; see `triangles`.
     """
-    plyfile = need("plyfile", "ply", path)
     points = camera.points(record.values)
     valid = np.isfinite(points[..., 2])
-    elements = [plyfile.PlyElement.describe(_vertices(points, scene, record)[valid], "vertex")]
+    vertices = _vertices(points, scene, record)[valid]
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(vertices)}"]
+    header += [f"property {_TYPES[vertices.dtype[name].str]} {name}" for name in vertices.dtype.names or ()]
+    parts = [vertices]
     if mesh:
         faces = triangles(record.values, valid, occlusion_step(scene))
-        table = np.empty(len(faces), dtype=[("vertex_indices", "<i4", (3,))])
-        table["vertex_indices"] = faces
-        elements.append(plyfile.PlyElement.describe(table, "face"))
-    with atomic(path) as temporary:
-        plyfile.PlyData(elements, byte_order="<").write(str(temporary))
+        table = np.empty(len(faces), [("count", "u1"), ("corners", "<i4", (3,))])
+        table["count"], table["corners"] = 3, faces
+        header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
+        parts.append(table)
+    with atomic(path) as temporary, temporary.open("wb") as file:
+        file.write("\n".join([*header, "end_header", ""]).encode("ascii"))
+        for part in parts:
+            file.write(part.tobytes())
 
 
 def occlusion_step(scene: LightField) -> float:

@@ -35,6 +35,9 @@ _ROUNDS, _TURNS = 4, 3
 # Multiples of the scatter up to which samples are trusted, round by round. What is hidden in part, as behind
 # wires, is off by little and to one side: the last rounds leave it out.
 _TRUSTED = 2.0, 2.0, 1.0, 1.0, 1.0
+# Share of the views that tell of a sample whether it is hidden somewhere; error beyond which it is, times
+# that of the typical sample; error where a sample is not seen, in units of the scatter.
+_MOST, _SELECTED, _TYPICAL = 0.75, 0.7, 0.67
 # How many samples tell how far they scatter.
 _ENOUGH = 400
 # What offsets (of full scale) and terms of the shading are expected to be, where the views do not tell.
@@ -361,7 +364,7 @@ class _Fit:
             solved, common = _arrow(turned, column, about, weight / _ERROR**2, np.array(prior))
             fitted = np.einsum("vnk,vk->vn", turned, solved.astype(np.float32)) + np.float32(common) * column
             error = np.abs(about - fitted) * lit
-            weight = usable * lit**2 * _trust(error, usable)
+            weight = usable * lit**2 * _trust(error / _scale(error, usable))
         self.shading = solved[:, 1:] if self.with_shading else np.zeros((views, 5))
         self.shading = self.shading - self.shading[self.centre]
         self.shading[:, [2, 4]] += common
@@ -388,7 +391,8 @@ class _Fit:
                     slope = np.sqrt(spread / (usual + _FAINT * of_scene**2 + 1e-12))
                 offset = mean - slope * of_scene
                 error = np.abs(there - slope[:, None] * scene - offset[:, None])
-                weight = valid * _trust(error, valid, multiple)
+                relative = error / _scale(error, valid)
+                weight = valid * _trust(relative, multiple) * _shown_everywhere(relative, valid)
             self.gain[:, c], self.offset[:, c] = slope, offset if self.with_offset else 0
             self.weight = np.minimum(self.weight, weight)
             scatter.append(1.48 * _median(error, valid))
@@ -508,10 +512,24 @@ def _rms(values: NDArray[Any], weight: NDArray[np.float32]) -> Array:
     return np.asarray(np.sqrt((weight * values**2).sum(axis=1) / total), np.float64)
 
 
-def _trust(
-    error: NDArray[np.float32], valid: NDArray[np.bool_], multiple: float = 2.0
-) -> NDArray[np.float32]:
-    """Weight (V·U, N) in [0, 1] of samples with these errors: little beyond that multiple of the scatter."""
+def _scale(error: NDArray[np.float32], valid: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """How far (V·U, 1) the samples of each view typically scatter, of full scale."""
     some = slice(None, None, max(1, error.shape[1] // _ENOUGH))
-    scale = np.maximum(1.48 * _median(error[:, some], valid[:, some]), _FINEST).astype(np.float32)[:, None]
-    return np.asarray(1 / (1 + (error / (multiple * scale)) ** 2) ** 2, np.float32)
+    return np.maximum(1.48 * _median(error[:, some], valid[:, some]), _FINEST).astype(np.float32)[:, None]
+
+
+def _trust(relative: NDArray[np.float32], multiple: float = 2.0) -> NDArray[np.float32]:
+    """Weight in [0, 1] of samples with these errors, in units of the scatter: little beyond that multiple."""
+    return np.asarray(1 / (1 + (relative / multiple) ** 2) ** 2, np.float32)
+
+
+def _shown_everywhere(relative: NDArray[np.float32], valid: NDArray[np.bool_]) -> NDArray[np.float32]:
+    """Weight (N,) in [0, 1] of samples: little for those that more than a quarter of the views contradict.
+
+    What stands beside something nearer is hidden in part in many views, by too little in each to be told.
+    """
+    some = slice(None, None, 2)
+    known = np.where(valid[some], relative[some], np.float32(_TYPICAL))
+    most = int(_MOST * (len(known) - 1))
+    large = np.partition(known, most, axis=0)[most]
+    return _trust(large / np.median(large), _SELECTED)
