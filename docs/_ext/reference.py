@@ -78,7 +78,15 @@ def groups() -> dict[str, Group]:
 def group_page(group: Group, module: str = "lfdepth") -> str:
     """A page of functions and classes, in MyST."""
     owner = lfdepth if module == "lfdepth" else scenes
-    lines = [f"# {group.title}", "", group.intro, "", "```{eval-rst}", f".. currentmodule:: {module}", ""]
+    lines = [
+        f"# {group.title}",
+        "",
+        group.intro,
+        "",
+        "```{eval-rst}",
+        f".. currentmodule:: {module}",
+        "",
+    ]
     lines += [".. autosummary::", "", *(f"   {name}" for name in group.names), ""]
     for name in group.names:
         thing = getattr(owner, name)
