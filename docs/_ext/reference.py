@@ -58,6 +58,11 @@ GROUPS = {
         "The methods' own parameters are listed in {doc}`/_generated/parameters`.",
         ("estimate", "Result", "method", "Method", "Trace"),
     ),
+    "look": Group(
+        "Look and explain",
+        "The viewer, as `lfdepth view` opens it, and the evidence of a pixel: {doc}`/viewer`.",
+        ("view", "explain", "Evidence"),
+    ),
     "use": Group(
         "After an estimate",
         "{doc}`/using` shows these in context.",
