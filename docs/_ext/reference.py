@@ -58,6 +58,11 @@ GROUPS = {
         "The methods' own parameters are listed in {doc}`/_generated/parameters`.",
         ("estimate", "Result", "method", "Method", "Trace"),
     ),
+    "more-maps": Group(
+        "More than one map",
+        "The maps of all views, the map of another view, and many light fields: {doc}`/scale`.",
+        ("estimate_views", "ViewMaps", "from_view", "estimate_many"),
+    ),
     "look": Group(
         "Look and explain",
         "The viewer, as `lfdepth view` opens it, and the evidence of a pixel: {doc}`/viewer`.",

@@ -81,6 +81,14 @@ def estimate_views(
     ------
     LightFieldError
         As `lfdepth.estimate` does, or if the maps would not fit in memory.
+
+    Examples
+    --------
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> maps = lfdepth.estimate_views(scenes.render("bars", size=64, views=3), effort="fast")
+    >>> maps.disparity.shape
+    (3, 3, 64, 64)
     """
     started = time.perf_counter()
     chosen = named_method(method, **options)
