@@ -355,6 +355,6 @@ def _check_memory(lf: LightField) -> None:
     if free is not None and needed > free:
         raise LightFieldError(
             f"{lf.name}: maps of all {v * u} views need {size_text(needed)}, {size_text(free)} are free; "
-            "expected that they fit; use --crop, --scale or --views, or --force (force=True in Python) to "
-            "try all the same"
+            "expected enough memory; use --crop, --scale or --views, or --force (force=True in Python) to "
+            "try anyway"
         )
