@@ -103,7 +103,7 @@ def connect(address: str, patience: float = _ANSWER) -> Any:
     Raises
     ------
     LightFieldError
-        If Dask is not installed, or no scheduler answered within ten seconds.
+        If Dask is not installed, or no scheduler answers within ten seconds.
     """
     try:
         from distributed import Client
