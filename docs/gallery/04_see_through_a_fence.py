@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 import lfdepth
 from lfdepth import scenes
 
-lf = scenes.render("fence", size=192, views=9)
+lf = scenes.render("fence", size=160, views=9)
 result = lfdepth.estimate(lf)
 
 # %%

@@ -22,11 +22,11 @@ lf = scenes.render("demo", size=160, views=7)
 # cameras would. Here the plane moves from the nearest to the farthest disparity and back.
 
 low, high = lf.disparity_range
-there = np.linspace(high, low, 20)
-frames = [
+there = [
     Image.fromarray(lfdepth.refocus(lf, float(plane)))
-    for plane in [*there, *there[::-1]]
+    for plane in np.linspace(high, low, 20)
 ]
+frames = [*there, *there[::-1]]
 
 # %%
 # Pillow writes animated WebP, which browsers play, or GIF.

@@ -61,7 +61,7 @@ class Nearest(Method):
 # %%
 # An object of the class goes wherever the name of a method does.
 
-lf = scenes.render("demo", size=160, views=7)
+lf = scenes.render("demo", size=128, views=7)
 results = {
     "nearest": lfdepth.estimate(lf, Nearest(step=0.05)),
     "fbs-vis": lfdepth.estimate(lf),
