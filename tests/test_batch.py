@@ -115,14 +115,16 @@ def test_names_follow_from_paths() -> None:
 
 def test_other_settings_are_refused(fields: list[str], serial: tuple[Path, batches.Batch]) -> None:
     out, _ = serial
-    with pytest.raises(LightFieldError, match=r"exists with other settings \(step 0.07 instead of 0.1\)"):
+    with pytest.raises(
+        LightFieldError, match=r"exists, made with other settings \(step 0.07 instead of 0.1\)"
+    ):
         estimate_many(fields, METHOD, out, workers=1, step=0.1, **FAST)
 
 
 def test_strangers_files_are_left_alone(fields: list[str], tmp_path: Path) -> None:
     target = Job(str(Path(fields[0]).resolve()), str(tmp_path), METHOD).target
     target.write_text("mine")
-    with pytest.raises(LightFieldError, match="is no result of a batch"):
+    with pytest.raises(LightFieldError, match="is not a result of a batch"):
         estimate_many(fields[:1], METHOD, tmp_path, workers=1, **FAST)
     assert target.read_text() == "mine"
 
@@ -208,7 +210,7 @@ def test_a_scheduler_that_does_not_answer_is_named(
     words = ["batch", fields[0], "-o", str(tmp_path), "--scheduler", "tcp://127.0.0.1:1"]
     assert main(words) == 2
     error = capsys.readouterr().err.splitlines()[-1]
-    assert error.startswith("error: tcp://127.0.0.1:1: no scheduler answers within 1 s")
+    assert error.startswith("error: tcp://127.0.0.1:1: no scheduler answered within 1 s")
 
 
 # Processes
@@ -386,5 +388,5 @@ def test_a_lost_scheduler_is_named() -> None:
             raise OSError("connection closed")
 
     pytest.importorskip("distributed")
-    with pytest.raises(LightFieldError, match=r"scheduler lost with 1 scenes to go .*run the same again"):
+    with pytest.raises(LightFieldError, match=r"scheduler lost with 1 scenes to go .*rerun the same command"):
         list(pools.on_cluster([Job("/a", "out", "fbs")], Client()))

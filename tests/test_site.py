@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import re
+import shutil
+import subprocess
 import sys
 from dataclasses import fields
 from importlib import import_module
@@ -136,3 +138,23 @@ def test_patterns_that_match_nothing_are_dropped(reference: ModuleType, tmp_path
 def test_a_chart_becomes_a_list_of_its_boxes(reference: ModuleType) -> None:
     chart = '```mermaid\nflowchart TB\n    a["cli: words"] --> b["io"]\n    b --> c["camera"]\n```'
     assert reference.for_the_site(chart, DOCS) == "```text\ncli: words\n  ↓\nio\n  ↓\ncamera\n```"
+
+
+@pytest.mark.slow
+def test_the_site_is_built_without_warnings(tmp_path: Path) -> None:
+    """With the gallery's scripts, which takes minutes; a copy, since pages are generated beside the "
+    "sources."""
+    pytest.importorskip("sphinx_gallery", reason="the extra docs is not installed")
+    root = DOCS.parent
+    for name in ("docs", "CHANGELOG.md", "CONTRIBUTING.md"):
+        copy = shutil.copytree if (root / name).is_dir() else shutil.copy
+        copy(root / name, tmp_path / name)
+    shutil.rmtree(tmp_path / "docs/_generated", ignore_errors=True)
+    command = [sys.executable, "-m", "sphinx", "-W", "-b", "html", "docs", "html"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    for name in ("index", "_generated/gallery/08_refocus_video", "_generated/commands"):
+        assert (tmp_path / f"html/{name}.html").is_file()
+    network = re.compile(r'(?:src|href)="https?://[^"]*\.(?:js|css|woff2?)"')
+    for page in (tmp_path / "html").rglob("*.html"):
+        assert not network.search(page.read_text(encoding="utf-8")), page

@@ -149,7 +149,7 @@ def test_absent_views_have_no_map() -> None:
 
 def test_too_many_maps_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scale_views, "available_memory", lambda: 10_000_000 // 5)
-    with pytest.raises(LightFieldError, match=r"maps of all 25 views need .* expected that they fit; use"):
+    with pytest.raises(LightFieldError, match=r"maps of all 25 views need .* expected enough memory; use"):
         estimate_views(scene(), **FAST)
 
 

@@ -58,6 +58,16 @@ GROUPS = {
         "The methods' own parameters are listed in {doc}`/_generated/parameters`.",
         ("estimate", "Result", "method", "Method", "Trace"),
     ),
+    "more-maps": Group(
+        "More than one map",
+        "The maps of all views, the map of another view, and many light fields: {doc}`/scale`.",
+        ("estimate_views", "ViewMaps", "from_view", "estimate_many"),
+    ),
+    "look": Group(
+        "Look and explain",
+        "The viewer, as `lfdepth view` opens it, and the evidence of a pixel: {doc}`/viewer`.",
+        ("view", "explain", "Evidence"),
+    ),
     "use": Group(
         "After an estimate",
         "{doc}`/using` shows these in context.",
@@ -78,7 +88,15 @@ def groups() -> dict[str, Group]:
 def group_page(group: Group, module: str = "lfdepth") -> str:
     """A page of functions and classes, in MyST."""
     owner = lfdepth if module == "lfdepth" else scenes
-    lines = [f"# {group.title}", "", group.intro, "", "```{eval-rst}", f".. currentmodule:: {module}", ""]
+    lines = [
+        f"# {group.title}",
+        "",
+        group.intro,
+        "",
+        "```{eval-rst}",
+        f".. currentmodule:: {module}",
+        "",
+    ]
     lines += [".. autosummary::", "", *(f"   {name}" for name in group.names), ""]
     for name in group.names:
         thing = getattr(owner, name)

@@ -22,7 +22,9 @@ print(lf.shape)  # rows of views, columns of views, height, width, colour channe
 # how far a point moves from one view to the next. Larger means nearer.
 
 result = lfdepth.estimate(lf)
-print(f"{result.planes} planes between {result.range[0]:g} and {result.range[1]:g} px per view step")
+print(
+    f"{result.planes} planes between {result.range[0]:g} and {result.range[1]:g} px per view step"
+)
 
 # %%
 # Because the truth is known, the map can be scored. BadPix 0.07 is the percentage of pixels that are wrong by more than

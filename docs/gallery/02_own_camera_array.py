@@ -23,7 +23,9 @@ rendered = scenes.render("demo", size=(144, 192), views=(5, 7))
 folder = Path(tempfile.mkdtemp()) / "shots"
 folder.mkdir()
 for row, column in np.ndindex(5, 7):
-    (folder / f"row{row + 1}_col{column + 1}.png").write_bytes(encode_png(rendered.views[row, column]))
+    (folder / f"row{row + 1}_col{column + 1}.png").write_bytes(
+        encode_png(rendered.views[row, column])
+    )
 
 # %%
 # ``read`` takes row and column from the names. The camera is added by hand: the distance between neighbouring cameras,
@@ -44,7 +46,7 @@ print(lf.shape, lf.camera)
 # Nobody gave a disparity range, so lfdepth estimates it from the views.
 
 result = lfdepth.estimate(lf)
-print(f"range {result.range[0]:.2f} to {result.range[1]:.2f} px per view step, found: {result.range_found}")
+print(f"range {result.range[0]:.2f} to {result.range[1]:.2f} px per view step")
 print(result.checks.warnings or "no warnings")
 
 # %%
@@ -52,7 +54,9 @@ print(result.checks.warnings or "no warnings")
 
 depth = lf.camera.disparity_to_depth(result.disparity)
 points = lf.camera.points(result.disparity)
-print(f"depth {depth.min():.2f} to {depth.max():.2f} m, {points.reshape(-1, 3).shape[0]} points")
+print(
+    f"depth {depth.min():.2f} to {depth.max():.2f} m, {points.reshape(-1, 3).shape[0]} points"
+)
 
 # %%
 # Depth as a picture, and the points seen from above. Only pixels with some confidence are shown.
@@ -64,7 +68,9 @@ left.set_title("depth")
 left.set_axis_off()
 figure.colorbar(picture, ax=left, label="m", shrink=0.8)
 right.scatter(points[sure][:, 0], points[sure][:, 2], s=2, c=lf.reference[sure] / 255)
-right.set(title="points seen from above", xlabel="x (m)", ylabel="z (m)", aspect="equal")
+right.set(
+    title="points seen from above", xlabel="x (m)", ylabel="z (m)", aspect="equal"
+)
 
 # %%
 # To open them in MeshLab, CloudCompare or Blender, write a PLY file, as points or as a mesh that is cut at depth edges

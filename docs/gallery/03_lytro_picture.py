@@ -40,7 +40,7 @@ print(lf.shape)
 
 result = lfdepth.estimate(lf)
 
-figure, axes = plt.subplots(1, 3, figsize=(12, 4), layout="constrained")
+figure, axes = plt.subplots(1, 3, figsize=(12, 4.4), layout="constrained")
 axes[0].imshow(mosaic[700:770, 700:770])
 axes[0].set_title("70×70 px of the file")
 axes[1].imshow(lf.reference)

@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 import lfdepth
 from lfdepth import scenes
 
-lf = scenes.render("fence", size=192, views=9)
+lf = scenes.render("fence", size=160, views=9)
 result = lfdepth.estimate(lf)
 
 # %%
@@ -21,7 +21,7 @@ result = lfdepth.estimate(lf)
 wall = lfdepth.refocus(lf, -1.4)
 through = lfdepth.refocus(lf, -1.4, without_foreground=0.5, disparity_map=result)
 
-figure, axes = plt.subplots(1, 4, figsize=(13, 3.6), layout="constrained")
+figure, axes = plt.subplots(1, 4, figsize=(13, 3.8), layout="constrained")
 pictures = {
     "reference view": lf.reference,
     "disparity": result.disparity,
@@ -38,7 +38,7 @@ for axis, (title, picture) in zip(axes, pictures.items(), strict=True):
 # top left view, the reference view and the bottom right view.
 
 masks = lfdepth.foreground_masks(lf, result, 0.5)
-figure, axes = plt.subplots(1, 3, figsize=(10, 3.6), layout="constrained")
+figure, axes = plt.subplots(1, 3, figsize=(10, 3.8), layout="constrained")
 for axis, (v, u) in zip(axes, ((0, 0), (4, 4), (8, 8)), strict=True):
     axis.imshow(masks[v, u], cmap="gray")
     axis.set_title(f"mask of view ({v}, {u})")

@@ -53,7 +53,9 @@ def bad_after_dropping(order):
 figure, axis = plt.subplots(figsize=(6, 3.6), layout="constrained")
 axis.plot(100 * dropped, bad_after_dropping(result.confidence), label="by confidence")
 axis.plot(100 * dropped, bad_after_dropping(-error), "--", label="by the true error")
-axis.set(xlabel="pixels dropped (%)", ylabel="BadPix 0.07 of the rest (%)", ylim=(0, None))
+axis.set(
+    xlabel="pixels dropped (%)", ylabel="BadPix 0.07 of the rest (%)", ylim=(0, None)
+)
 axis.legend()
 
 # %%
@@ -62,4 +64,6 @@ axis.legend()
 usable = np.where(result.confidence > 0.3, result.disparity, np.nan)
 print(f"kept {np.isfinite(usable).mean():.0%} of the pixels")
 print(f"BadPix 0.07 of all pixels  {100 * (error > 0.07).mean():.1f} %")
-print(f"BadPix 0.07 of those kept  {100 * (error[np.isfinite(usable)] > 0.07).mean():.1f} %")
+print(
+    f"BadPix 0.07 of those kept  {100 * (error[np.isfinite(usable)] > 0.07).mean():.1f} %"
+)

@@ -24,7 +24,9 @@ results = {name: lfdepth.estimate(lf, name) for name in names}
 print(f"{'method':12}{'BadPix 0.07':>12}{'BadPix 0.03':>12}{'MSE×100':>9}")
 for name, result in results.items():
     scores = lfdepth.evaluate(result, lf)
-    print(f"{name:12}{scores['badpix_0.07']:12.2f}{scores['badpix_0.03']:12.2f}{scores['mse_x100']:9.2f}")
+    print(
+        f"{name:12}{scores['badpix_0.07']:12.2f}{scores['badpix_0.03']:12.2f}{scores['mse_x100']:9.2f}"
+    )
 
 # %%
 # Maps above, signed errors below (red: too near, blue: too far).

@@ -22,14 +22,19 @@ lf = scenes.render("demo", size=160, views=7)
 # cameras would. Here the plane moves from the nearest to the farthest disparity and back.
 
 low, high = lf.disparity_range
-there = np.linspace(high, low, 20)
-frames = [Image.fromarray(lfdepth.refocus(lf, float(plane))) for plane in [*there, *there[::-1]]]
+there = [
+    Image.fromarray(lfdepth.refocus(lf, float(plane)))
+    for plane in np.linspace(high, low, 20)
+]
+frames = [*there, *there[::-1]]
 
 # %%
 # Pillow writes animated WebP, which browsers play, or GIF.
 
 animation = Path(tempfile.mkdtemp()) / "refocus.webp"
-frames[0].save(animation, save_all=True, append_images=frames[1:], duration=80, loop=0, quality=80)
+frames[0].save(
+    animation, save_all=True, append_images=frames[1:], duration=80, loop=0, quality=80
+)
 print(f"{len(frames)} frames, {animation.stat().st_size / 1000:.0f} kB")
 
 # %%
@@ -38,7 +43,7 @@ print(f"{len(frames)} frames, {animation.stat().st_size / 1000:.0f} kB")
 
 noisy = scenes.render("demo", size=160, views=7, noise=8)
 sharp = lfdepth.all_in_focus(noisy, lfdepth.estimate(noisy))
-figure, axes = plt.subplots(1, 3, figsize=(12, 4.2), layout="constrained")
+figure, axes = plt.subplots(1, 3, figsize=(12, 4.4), layout="constrained")
 for axis, (title, picture) in zip(
     axes,
     {

@@ -30,7 +30,9 @@ row = 80
 figure, axes = plt.subplots(4, 1, figsize=(9, 4.6), layout="constrained")
 axes[0].imshow(lf.reference[row - 6 : row + 7], aspect="auto")
 axes[0].axhline(6, color="red", linewidth=1)
-axes[0].set_title("13 rows of the reference view; the red one is shown below", fontsize=9)
+axes[0].set_title(
+    "13 rows of the reference view; the red one is shown below", fontsize=9
+)
 for axis, disparity in zip(axes[1:], (1.0, 0.0, -1.0), strict=True):
     shifted = reparameterise(grey, disparity)
     axis.imshow(shifted[4, :, row], cmap="gray", aspect="auto", interpolation="nearest")
@@ -48,7 +50,7 @@ for axis in axes:
 # derivatives does not matter.
 
 along_x, along_y = disparity_signs(lf, 0.0)
-figure, axes = plt.subplots(1, 4, figsize=(13, 3.6), layout="constrained")
+figure, axes = plt.subplots(1, 4, figsize=(13, 3.8), layout="constrained")
 axes[0].imshow(lf.reference)
 axes[0].set_title("reference view")
 axes[1].imshow(along_x[4, 4], cmap="RdBu_r", vmin=-1, vmax=1)
@@ -70,8 +72,13 @@ for axis in axes:
 # *C* on three planes: red pixels lie in front of the plane, blue ones behind it, white ones have no evidence.
 
 planes = disparity_planes((-1.6, 1.6), step=0.8)
-figure, axes = plt.subplots(1, 4, figsize=(13, 3.6), layout="constrained")
+figure, axes = plt.subplots(1, 4, figsize=(13, 3.8), layout="constrained")
 for axis, plane in zip(axes, planes[1:], strict=True):
-    axis.imshow(vote(lf, plane, rule=VoteRule(delta="photo", threshold=0.03)), cmap="RdBu_r", vmin=-1, vmax=1)
+    axis.imshow(
+        vote(lf, plane, rule=VoteRule(delta="photo", threshold=0.03)),
+        cmap="RdBu_r",
+        vmin=-1,
+        vmax=1,
+    )
     axis.set_title(f"votes at D = {plane:.1f}")
     axis.set_axis_off()

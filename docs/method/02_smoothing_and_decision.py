@@ -28,7 +28,7 @@ votes, smoothed = (np.array(trace.kept[name]) for name in ("votes", "smoothed"))
 # says how weak an edge may be to stop the filter.
 
 k = int(np.argmin(abs(planes)))
-figure, axes = plt.subplots(1, 3, figsize=(11, 3.8), layout="constrained")
+figure, axes = plt.subplots(1, 3, figsize=(11, 4.2), layout="constrained")
 axes[0].imshow(lf.reference)
 axes[0].set_title("reference view (the guide)")
 axes[1].imshow(votes[k], cmap="RdBu_r", vmin=-1, vmax=1)
@@ -56,7 +56,9 @@ axis.imshow(
     extent=(0, 160, planes[-1], planes[0]),
 )
 axis.plot(np.arange(160) + 0.5, lf.truth[row], "k--", linewidth=1, label="truth")
-axis.plot(np.arange(160) + 0.5, result.disparity[row], "g", linewidth=1, label="fbs-sfa")
+axis.plot(
+    np.arange(160) + 0.5, result.disparity[row], "g", linewidth=1, label="fbs-sfa"
+)
 axis.set(xlabel=f"x in row {row} (px)", ylabel="D (px per view step)")
 axis.legend(loc="lower right")
 
@@ -73,15 +75,24 @@ fitted = sign_step(smoothed, planes)
 accumulated = accumulate(smoothed, planes)
 figure, axis = plt.subplots(figsize=(7, 3), layout="constrained")
 axis.plot(planes, smoothed[:, y, x], marker=".", label="smoothed votes")
-axis.step(planes, np.where(planes < fitted[y, x], 1, -1), where="mid", label="best fitting step")
+axis.step(
+    planes,
+    np.where(planes < fitted[y, x], 1, -1),
+    where="mid",
+    label="best fitting step",
+)
 axis.axvline(lf.truth[y, x], color="black", linestyle="--", label="truth")
 axis.set(xlabel="D (px per view step)", ylabel="votes", title=f"pixel ({x}, {y})")
 axis.legend()
 
 # %%
 
-figure, axes = plt.subplots(1, 3, figsize=(11, 3.8), layout="constrained")
-pictures = {"truth": lf.truth, "accumulation (fbs)": accumulated, "sign function (fbs-sfa)": fitted}
+figure, axes = plt.subplots(1, 3, figsize=(11, 4.2), layout="constrained")
+pictures = {
+    "truth": lf.truth,
+    "accumulation (fbs)": accumulated,
+    "sign function (fbs-sfa)": fitted,
+}
 for axis, (title, values) in zip(axes, pictures.items(), strict=True):
     axis.imshow(values, vmin=result.range[0], vmax=result.range[1])
     axis.set_title(title)

@@ -24,7 +24,7 @@ lf = scenes.render("bars", size=160, views=9)
 
 plane = -0.9
 plain = vote(lf, plane)
-figure, axes = plt.subplots(1, 3, figsize=(11, 3.8), layout="constrained")
+figure, axes = plt.subplots(1, 3, figsize=(11, 4.2), layout="constrained")
 axes[0].imshow(lf.reference)
 axes[0].set_title("reference view")
 axes[1].imshow(np.where(lf.truth > plane, 1, -1), cmap="RdBu_r", vmin=-1, vmax=1)
@@ -45,7 +45,7 @@ for axis in axes:
 
 foreground = lf.truth > 0
 mask = mask_4d(foreground, found_at=1.0, wanted_at=plane, views=(9, 9))
-figure, axes = plt.subplots(1, 3, figsize=(11, 3.8), layout="constrained")
+figure, axes = plt.subplots(1, 3, figsize=(11, 4.2), layout="constrained")
 for axis, (v, u) in zip(axes, ((4, 4), (0, 0), (8, 4)), strict=True):
     axis.imshow(mask[v, u], cmap="gray")
     axis.set_title(f"mask of view ({v}, {u}) at D = {plane}")
@@ -60,11 +60,15 @@ for axis, (v, u) in zip(axes, ((4, 4), (0, 0), (8, 4)), strict=True):
 # excludes one foreground after the other.
 
 masked = vote(lf, plane, mask=Mask(foreground, plane - 1.0))
-figure, axes = plt.subplots(1, 2, figsize=(8, 3.8), layout="constrained")
-for axis, (title, values) in zip(axes, {"all views": plain, "with the mask": masked}.items(), strict=True):
+figure, axes = plt.subplots(1, 2, figsize=(8, 4.3), layout="constrained")
+for axis, (title, values) in zip(
+    axes, {"all views": plain, "with the mask": masked}.items(), strict=True
+):
     wrong = (values > 0) != (lf.truth > plane)
     axis.imshow(np.where(wrong & (values != 0), 1, 0), cmap="Reds", vmax=1.5)
-    axis.set_title(f"wrong votes, {title}: {100 * (wrong & (values != 0)).mean():.1f} %")
+    axis.set_title(
+        f"wrong votes, {title}: {100 * (wrong & (values != 0)).mean():.1f} %"
+    )
     axis.set_axis_off()
 
 # %%
@@ -81,6 +85,8 @@ axes[0].set_title("truth")
 for axis, name in zip(axes[1:], names, strict=True):
     result = lfdepth.estimate(lf, name)
     axis.imshow(result.disparity, vmin=lf.truth.min(), vmax=lf.truth.max())
-    axis.set_title(f"{name}: BadPix 0.07 {lfdepth.evaluate(result, lf)['badpix_0.07']:.1f} %")
+    axis.set_title(
+        f"{name}: BadPix 0.07 {lfdepth.evaluate(result, lf)['badpix_0.07']:.1f} %"
+    )
 for axis in axes:
     axis.set_axis_off()

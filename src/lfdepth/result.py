@@ -143,6 +143,14 @@ class ViewMaps:
         hidden and does not count.
     runtime
         Seconds for all of it.
+
+    Examples
+    --------
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> maps = lfdepth.estimate_views(scenes.render("bars", size=64, views=3), effort="fast")
+    >>> maps.disparity.shape, maps.disparity.dtype
+    ((3, 3, 64, 64), dtype('float32'))
     """
 
     disparity: NDArray[np.float32]

@@ -47,6 +47,17 @@ def from_view(lf: LightField, view: tuple[int, int]) -> LightField:
     ------
     LightFieldError
         If there is no such view.
+
+    Examples
+    --------
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> lf = scenes.render("bars", size=64, views=5)
+    >>> corner = lfdepth.from_view(lf, (0, 0))
+    >>> corner.shape, corner.centre
+    ((9, 9, 64, 64, 3), (4, 4))
+    >>> bool((corner.reference == lf.views[0, 0]).all())
+    True
     """
     v, u = check_view(lf, view)
     if (v, u) == lf.centre:

@@ -25,9 +25,9 @@ def train(
     threads: int = 1,
     as_json: Json = False,
 ) -> None:
-    """Train a learned method on procedural scenes, which are rendered meanwhile.
+    """Train a learned method on procedural scenes, which are rendered while it trains.
 
-    After a break, the same command goes on where it stopped, and ends in the same weights. For example:
+    If interrupted, rerun the same command: it resumes, and ends with identical weights. For example:
 
         lfdepth train epinet-s -o trained --steps 20000
         lfdepth estimate cotton -o cotton.pfm --method epinet-s --weights trained/epinet-s.npz
@@ -37,11 +37,11 @@ def train(
     name
         epinet-s, epinet or lfattnet.
     output
-        Folder for checkpoint, weights and curves; made if it is missing.
+        Folder for checkpoint, weights and curves; created if missing.
     steps
-        Steps in all; the learning rate falls along them.
+        Total number of steps; the learning rate decreases over them.
     seed
-        Number that chance starts from.
+        Random seed.
     device
         Where to train; auto takes a GPU if there is one.
     threads
@@ -89,7 +89,7 @@ app.command(weights_app)
 
 @weights_app.command(name="import")
 def import_(name: str, file: Path, /, *, output: Output, as_json: Json = False) -> None:
-    """Turn the authors' weights of EPINET, in Keras' HDF5 layout, into a file for --weights.
+    """Convert the authors' EPINET weights, in Keras' HDF5 layout, into a file for --weights.
 
     For example:
 
@@ -125,7 +125,7 @@ def export(name: str, /, *, output: Output, weights: Path | None = None, as_json
     output
         ONNX file to write.
     weights
-        NPZ file; those of the package by default.
+        NPZ file of weights; the package's own by default.
     """
     from lfdepth.training.weights import export_weights
 

@@ -32,8 +32,9 @@ def batch(
 ) -> int:
     """Estimate the maps of many light fields, in several processes or on a Dask cluster.
 
-    A result has a name that follows from its scene's path and is whole or not there: after a break, the same
-    command does what is missing. A scene that fails is named, and the rest goes on. For example:
+    Each result is named after its scene's path and is either complete or absent. If interrupted, rerun the
+    command: it does only what is missing. A scene that fails is reported, and the rest continues. For
+    example:
 
         lfdepth batch scenes/* -o maps
         lfdepth batch scenes/* -o maps --method fbs-vis:effort=fast,step=0.1 --workers 4
@@ -49,20 +50,20 @@ def batch(
     method
         Name of the method, with parameters as in fbs-vis:effort=fast,step=0.1.
     workers
-        Number of processes; by default one for each processor.
+        Number of processes; one per processor by default.
     scheduler
-        Address of a Dask scheduler, in place of processes; its workers have to see the same paths.
+        Address of a Dask scheduler to use instead of processes; its workers must see the same paths.
     threads
-        Threads of each estimate.
+        Threads per estimate.
     range
-        Smallest and largest disparity, px per view step; by default each scene's own, or if it has none the
-        one that is found in its views.
+        Smallest and largest disparity to search, px per view step; by default each scene's own or, if it has
+        none, estimated from its views.
     engine
-        What computes; "lfdepth methods" lists the engines.
+        Engine that does the computing; "lfdepth methods" lists them.
     equalise
-        auto: make the brightness of the views equal where it differs; off: take them as they are.
+        auto: equalise the brightness of the views where it differs; off: use the views unchanged.
     dry_run
-        Tell memory and time, and do nothing.
+        Only report the memory and time needed.
     """
     from lfdepth.bench.plan import setting
     from lfdepth.cli.progress import Progress

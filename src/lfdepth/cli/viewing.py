@@ -47,7 +47,7 @@ def view(
     source: MapSources = ESTIMATED,
     reading: ReadingParameters = AS_IT_IS,
 ) -> None:
-    """Look at a light field and its disparity map in the browser, or make one page of them.
+    """Look at a light field and its disparity map in the browser, or export them as a single page.
 
     Move through the views, refocus, compare maps, click a pixel to see why it has its disparity, turn the
     scene in 3-D, run methods. For example:
@@ -59,17 +59,17 @@ def view(
     Parameters
     ----------
     scene
-        Light field: a folder of views such as those of the 4D Light Field Benchmark, or a file.
+        Light field: a folder of views, such as a scene of the 4D Light Field Benchmark, or a file.
     compare
         A second disparity map to compare with.
     port
-        Port of this machine that the page is served on; only this machine can reach it.
+        Port on which to serve the page; only this machine can reach it.
     no_browser
         Print the address and open no browser.
     export
         Write one page that works from disk, without a server, instead: .html.
     threads
-        Number of threads; every processor by default.
+        Number of threads; one per processor by default.
     """
     from lfdepth.io.atomic import check_target
 

@@ -77,6 +77,6 @@ def check_arrays(path: Path, found: Weights, expected: Mapping[str, tuple[int, .
     more = next((key for key in found if key not in expected), None)
     if more:
         raise LightFieldError(
-            f"{path}: found {more}, which {name} has not; expected the weights of {name}; give weights of "
-            "the same architecture"
+            f"{path}: found {more}, which {name} does not have; expected the weights of {name}; give weights "
+            "of the same architecture"
         )

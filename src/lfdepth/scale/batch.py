@@ -127,6 +127,19 @@ def estimate_many(
     LightFieldError
         If nothing is asked for, a result exists that was made with other settings, the folder cannot be
         written, or the scheduler does not answer within ten seconds, or is lost.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> folder = tempfile.mkdtemp()
+    >>> lfdepth.write(f"{folder}/bars.npz", scenes.render("bars", size=64, views=3))
+    >>> batch = lfdepth.estimate_many(
+    ...     [f"{folder}/bars.npz"], "fbs-sfa", f"{folder}/maps", workers=1, planes=10
+    ... )
+    >>> len(batch.outcomes), len(batch.failures)
+    (1, 0)
     """
     started = time.perf_counter()
     out = make_folder(Path(out))

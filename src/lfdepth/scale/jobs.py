@@ -102,14 +102,14 @@ class Job:
             return False
         except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
             raise LightFieldError(
-                f"{self.target}: exists and is no result of a batch ({error}); expected one, or nothing; "
+                f"{self.target}: exists but is not a result of a batch ({error}); expected one, or nothing; "
                 "move it, or choose another folder"
             ) from None
         wanted = json.loads(json.dumps(self.provenance(), default=str))
         if made_of != wanted:
             raise LightFieldError(
-                f"{self.target}: exists with other settings ({_difference(made_of, wanted)}); expected the "
-                "same; choose another folder, or remove it"
+                f"{self.target}: exists, made with other settings ({_difference(made_of, wanted)}); expected "
+                "the same; choose another folder, or remove it"
             )
         return True
 
@@ -174,8 +174,8 @@ def at_hand(scene: str) -> Iterator[Path]:
             system.get(inner, str(local), recursive=True)
         except Exception as error:  # each kind of file system raises its own
             raise LightFieldError(
-                f"{scene}: cannot be fetched ({' '.join(str(error).split())[:200]}); expected an address "
-                "that can be read; check it"
+                f"{scene}: cannot be fetched ({' '.join(str(error).split())[:200]}); expected a readable "
+                "address; check it"
             ) from None
         yield local
 

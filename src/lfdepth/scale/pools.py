@@ -89,8 +89,8 @@ def _waiting(job: Job) -> Outcome:
 
 def _killed(job: Job, error: BaseException) -> LightFieldError:
     return LightFieldError(
-        f"{job.scene}: {_TRIES} workers died over it ({' '.join(str(error).split())[:100]}); expected that "
-        "one lives; if memory ran out, start fewer workers, or use --scale or --crop"
+        f"{job.scene}: {_TRIES} workers died over it ({' '.join(str(error).split())[:100]}); expected one to "
+        "survive; if memory ran out, start fewer workers, or use --scale or --crop"
     )
 
 
@@ -116,7 +116,7 @@ def connect(address: str, patience: float = _ANSWER) -> Any:
         return Client(address, timeout=patience, set_as_default=False)
     except (OSError, TimeoutError, ValueError) as error:
         raise LightFieldError(
-            f"{address}: no scheduler answers within {patience:g} s ({type(error).__name__}); expected one; "
+            f"{address}: no scheduler answered within {patience:g} s ({type(error).__name__}); expected one; "
             "start it with: dask scheduler"
         ) from None
 
@@ -199,8 +199,8 @@ def _outcome(future: Any, job: Job) -> Outcome | _Crowded | None:
 def _lost(address: str, error: Exception | None, left: int) -> LightFieldError:
     reason = "" if error is None else f" ({' '.join(str(error).split())[:100]})"
     return LightFieldError(
-        f"{address}: scheduler lost with {left} scenes to go{reason}; expected it to stay; run the same "
-        "again, which does what is missing"
+        f"{address}: scheduler lost with {left} scenes to go{reason}; expected it to stay up; rerun the same "
+        "command, which does only what is missing"
     )
 
 

@@ -81,6 +81,14 @@ def estimate_views(
     ------
     LightFieldError
         As `lfdepth.estimate` does, or if the maps would not fit in memory.
+
+    Examples
+    --------
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> maps = lfdepth.estimate_views(scenes.render("bars", size=64, views=3), effort="fast")
+    >>> maps.disparity.shape
+    (3, 3, 64, 64)
     """
     started = time.perf_counter()
     chosen = named_method(method, **options)
@@ -347,6 +355,6 @@ def _check_memory(lf: LightField) -> None:
     if free is not None and needed > free:
         raise LightFieldError(
             f"{lf.name}: maps of all {v * u} views need {size_text(needed)}, {size_text(free)} are free; "
-            "expected that they fit; use --crop, --scale or --views, or --force (force=True in Python) to "
-            "try all the same"
+            "expected enough memory; use --crop, --scale or --views, or --force (force=True in Python) to "
+            "try anyway"
         )

@@ -119,7 +119,7 @@ def _check_room(job: Job, needed: int) -> None:
     if free is not None and needed > free and not job.settings.get("force"):
         raise CrowdedError(
             f"{job.scene}: needs {size_text(needed)} beside the views, {size_text(free)} are free on "
-            f"{_me()}; expected that it fits; start fewer workers, or larger ones"
+            f"{_me()}; expected enough memory; start fewer workers, or larger ones"
         )
 
 

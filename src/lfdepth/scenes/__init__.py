@@ -226,6 +226,15 @@ def truth_of_views(
     ------
     LightFieldError
         If the scene is none of `NAMES`, or an argument is out of its range.
+
+    Examples
+    --------
+    >>> from lfdepth import scenes
+    >>> truths = scenes.truth_of_views("bars", size=64, views=5)
+    >>> truths.shape
+    (5, 5, 64, 64)
+    >>> bool((truths[2, 2] == scenes.render("bars", size=64, views=5).truth).all())
+    True
     """
     _check(name in NAMES, f"scene {name!r} is not procedural; expected one of {', '.join(NAMES)}")
     height, width = _pixels(size)

@@ -95,6 +95,18 @@ def view(
     ------
     LightFieldError
         If a map is not finite or of another size than the views, or the views are more than a browser holds.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> lf = scenes.render("bars", size=64, views=5)
+    >>> page = Path(tempfile.mkdtemp()) / "bars.html"
+    >>> lfdepth.view(lf, lf.truth, names=("truth",)).save(page)
+    >>> page.read_text(encoding="utf-8").startswith("<!doctype html>")
+    True
     """
     if not 1 <= quality <= 95:
         raise LightFieldError(f"quality: found {quality}, expected 1 to 95; choose such a value")
