@@ -136,6 +136,7 @@ def _take_picture(path: Path) -> None:
     with _open_page(lf, shown_map(result, lf, 0, "fbs-vis"), [*FLAGS, *SOFTWARE]) as page:
         edges = np.abs(np.diff(result.disparity, axis=1)) > 0.3
         y, x = np.argwhere(edges[100:220, 60:260])[0] + (100, 60)
+        x += 2 if result.disparity[y, x] > result.disparity[y, x + 1] else -1  # on the side that is hidden
         page.evaluate("([x, y]) => { LF.app.state.pixel = [x, y]; return LF.app.why(); }", [int(x), int(y)])
         page.evaluate("document.getElementById('why-panel').scrollIntoView()")
         page.evaluate("([x, y]) => { LF.app.readout(x, y); LF.app.touch(); }", [int(x), int(y)])
