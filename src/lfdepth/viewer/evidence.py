@@ -37,7 +37,7 @@ Float = NDArray[np.float32]
 ABSENT, SEEN, HIDDEN, OUTSIDE = 0, 1, 2, 3
 """What a view says of a pixel: no such view; it shows it; something nearer hides it; outside of the frame."""
 
-_PATHS = 12
+_PATHS = 8
 """Px around what a pixel's profiles need, so that paths from the sides have somewhere to come from."""
 
 _GLOSS = 8
@@ -179,7 +179,9 @@ class Explainer:
         self._lf = lf if measured is None else equalise(lf, measured)
         self.planes = self._method.planes_for(check_range(self._range))
         self._noise = residual(self._lf, self.planes, engine=single())
-        self._reach = int(np.ceil(np.abs(self.planes).max() * np.abs(lf.offsets).max())) + 2
+        low, high = threshold_bounds(self._noise.noise)
+        self._thresholds = local_thresholds(self._lf.reference, low=low, high=high)
+        self._reach = int(np.ceil(np.abs(self.planes).max() * np.abs(lf.offsets).max())) + 1
 
     def at(self, x: int, y: int) -> Evidence:
         """The evidence of pixel (x, y)."""
@@ -318,8 +320,7 @@ class Explainer:
     def _agrees(self, colours: NDArray[Any], states: NDArray[np.uint8], x: int, y: int) -> NDArray[np.bool_]:
         """Which views show the reference view's colour, by the pixel's own threshold."""
         lf = self._lf
-        low, high = threshold_bounds(self._noise.noise)
-        threshold = local_thresholds(lf.reference, low=low, high=high)[y, x] * lf.full_scale
+        threshold = self._thresholds[y, x] * lf.full_scale
         apart = np.abs(colours.astype(np.float64) - lf.reference[y, x]).mean(axis=2)
         return np.asarray((apart < threshold) & ((states == SEEN) | (states == HIDDEN)))
 
