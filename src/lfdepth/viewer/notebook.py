@@ -95,6 +95,14 @@ def view(
     ------
     LightFieldError
         If a map is not finite or of another size than the views, or the views are more than a browser holds.
+
+    Examples
+    --------
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> lf = scenes.render("demo", size=64, views=3)
+    >>> lfdepth.view(lf, lf.truth, names=("truth",))
+    <page of 0... MB; a notebook shows it, .save("page.html") writes it>
     """
     if not 1 <= quality <= 95:
         raise LightFieldError(f"quality: found {quality}, expected 1 to 95; choose such a value")
