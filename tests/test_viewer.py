@@ -266,6 +266,7 @@ def test_a_wrong_map_is_told_from_what_the_blocks_say(lf: LightField) -> None:
     assert found.stages[-2].disparity == pytest.approx(FAR, abs=0.05)
     assert len(found.remarks) == 1
     assert "the map comes from elsewhere" in found.remarks[0]
+    assert found.decision.startswith("Whoever made the map")
 
 
 @pytest.mark.parametrize(("x", "y"), [(-1, 0), (80, 0), (0, 64)])

@@ -108,29 +108,36 @@ def until(page: Any, what: str, seconds: float = 20) -> None:
 Open = Callable[..., Any]
 
 
-@pytest.fixture(scope="module")
+def opened(context: Any, address: str) -> Any:
+    """A page, its views loaded; what the browser complains of is in its `complaints`."""
+    page = context.new_page()
+    page.complaints = []
+    page.on("console", lambda message: page.complaints.append(f"{message.type}: {message.text}"))
+    page.on("pageerror", lambda error: page.complaints.append(f"error: {error}"))
+    page.goto(address)
+    until(page, "LF.app.ready")
+    return page
+
+
+@pytest.fixture
 def open_page(browser: Any) -> Iterator[Open]:
+    """Opens a page in a browser of its own, as far as the page can tell."""
     contexts = []
 
-    def opened(address: str, **options: Any) -> Any:
-        context = browser.new_context(**{"viewport": {"width": 1000, "height": 640}, **options})
-        contexts.append(context)
-        page = context.new_page()
-        page.complaints = []
-        page.on("console", lambda message: page.complaints.append(f"{message.type}: {message.text}"))
-        page.on("pageerror", lambda error: page.complaints.append(f"error: {error}"))
-        page.goto(address)
-        until(page, "LF.app.ready")
-        return page
+    def open_context(address: str, **options: Any) -> Any:
+        contexts.append(browser.new_context(**{"viewport": {"width": 1000, "height": 640}, **options}))
+        return opened(contexts[-1], address)
 
-    yield opened
+    yield open_context
     for context in contexts:
         context.close()
 
 
 @pytest.fixture(scope="module")
-def page(served: Served, open_page: Open) -> Any:
-    return open_page(served.address)
+def page(served: Served, browser: Any) -> Iterator[Any]:
+    context = browser.new_context(viewport={"width": 1000, "height": 640})
+    yield opened(context, served.address)
+    context.close()
 
 
 def picture(page: Any) -> NDArray[np.int64]:
@@ -440,6 +447,36 @@ def test_an_exported_page_works_from_disk(open_page: Open, lf: LightField, tmp_p
     np.testing.assert_array_equal(values.reshape(HEIGHT, WIDTH), lf.truth)
     assert "An exported page holds no evidence" in page.inner_text("#why")
     assert not page.is_visible("#run-panel")
+    assert page.complaints == []
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [pytest.param("row", marks=pytest.mark.slow), pytest.param("column", marks=pytest.mark.slow), "gaps"],
+)
+def test_other_grids_without_map_camera_or_truth(open_page: Open, kind: str, tmp_path: Path) -> None:
+    """One row or column of grey views, and a grid with views that are absent, in 16 bits."""
+    grid = {"row": (1, 7), "column": (6, 1), "gaps": (3, 4)}[kind]
+    present = np.ones(grid, np.bool_)
+    if kind == "gaps":
+        present[0, 1] = present[2, 3] = False
+    views, _ = two_planes(np.random.default_rng(7), grid, (HEIGHT, WIDTH), NEAR, FAR)
+    views[~present] = 0
+    grey = LightField(quantise(views[..., None], "uint16"), present=present, name=kind)
+    lfdepth.view(grey, quality=95).save(tmp_path / "page.html")
+    page = open_page((tmp_path / "page.html").as_uri())
+    look(page, aperture=6, all=True, focus=0.4)
+    wanted = lfdepth.refocus(grey, 0.4).astype(float) / 257
+    assert np.abs(picture(page) - wanted).mean() < 1.5
+    look(page, camera=[0, -1])
+    row, column = grey.centre
+    if kind != "column":
+        assert np.abs(picture(page) - grey.views[row, column - 1] / 257.0).mean() < 1.5
+    look(page, camera=[-1, -1])  # where a view is absent, the nearest one that is there
+    picture(page)
+    page.evaluate("LF.app.click([60, 200])")
+    page.evaluate("LF.app.focusOn(3, 3)")
+    assert "no map" in page.inner_text("#message")
     assert page.complaints == []
 
 

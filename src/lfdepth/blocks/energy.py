@@ -130,6 +130,7 @@ class JointEnergy:
         self._running, self._lowest = (self._engine.zeros(size, np.float32) for _ in "12")
         self._glossy = np.zeros(size, np.bool_)
         self._surfaces: Any = None
+        self._voters: tuple[int, ColourViews] | None = None
 
     @property
     def step(self) -> float:
@@ -174,7 +175,10 @@ class JointEnergy:
 
     def _voting(self) -> ColourViews:
         """The views, of which only those are present that vote at this stride."""
-        return self._engine.voting(self._colours, thinned(self._available, sparse=self.stride > 1))
+        if self._voters is None or self._voters[0] != self.stride:
+            chosen = thinned(self._available, sparse=self.stride > 1)
+            self._voters = self.stride, self._engine.voting(self._colours, chosen)
+        return self._voters[1]
 
     def _count(self, index: int) -> None:
         plane = float(self.planes[index])

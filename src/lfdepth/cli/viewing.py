@@ -134,6 +134,7 @@ def _serve(server: object, *, browser: bool) -> None:
     assert isinstance(server, ViewerServer)
     thread = Thread(target=server.serve_forever, daemon=True)
     thread.start()
+    Thread(target=server.viewer.warm_up, daemon=True).start()
     print(f"page     {server.address}", flush=True)
     print("Ctrl-C ends it.", file=sys.stderr)
     if browser and not _open(server.address):

@@ -37,7 +37,7 @@ Float = NDArray[np.float32]
 ABSENT, SEEN, HIDDEN, OUTSIDE = 0, 1, 2, 3
 """What a view says of a pixel: no such view; it shows it; something nearer hides it; outside of the frame."""
 
-_PATHS = 12
+_PATHS = 8
 """Px around what a pixel's profiles need, so that paths from the sides have somewhere to come from."""
 
 _GLOSS = 8
@@ -173,11 +173,12 @@ def explain(lf: LightField, disparity_map: Result | NDArray[Any], x: int, y: int
     --------
     >>> import lfdepth
     >>> from lfdepth import scenes
-    >>> lf = scenes.render("bars", size=64, views=5)
-    >>> evidence = lfdepth.explain(lf, lf.truth, x=30, y=20)
-    >>> evidence.x, evidence.y, evidence.colours.shape
-    (30, 20, (5, 5, 3))
-    >>> evidence.signs.shape == evidence.photo.shape == evidence.planes.shape
+    >>> lf = scenes.render("demo", size=64, views=5)
+    >>> evidence = lfdepth.explain(lf, lf.truth, x=20, y=25)
+    >>> evidence.decision
+    "The pixel's own votes: signs and photo votes agree."
+    >>> best = evidence.planes[evidence.energy.argmin()]
+    >>> bool(abs(best - evidence.truth) < 0.1)
     True
     """
     return Explainer(lf, disparity_map).at(x, y)
@@ -201,7 +202,9 @@ class Explainer:
         self._lf = lf if measured is None else equalise(lf, measured)
         self.planes = self._method.planes_for(check_range(self._range))
         self._noise = residual(self._lf, self.planes, engine=single())
-        self._reach = int(np.ceil(np.abs(self.planes).max() * np.abs(lf.offsets).max())) + 2
+        low, high = threshold_bounds(self._noise.noise)
+        self._thresholds = local_thresholds(self._lf.reference, low=low, high=high)
+        self._reach = int(np.ceil(np.abs(self.planes).max() * np.abs(lf.offsets).max())) + 1
 
     def at(self, x: int, y: int) -> Evidence:
         """The evidence of pixel (x, y)."""
@@ -222,7 +225,7 @@ class Explainer:
         disparity = float(self._map[y, x])
         stages = self._stages(blocks, (row, column), disparity)
         step = float(self.planes[0] - self.planes[1])
-        decided_by, decision = _decision(stages, step)
+        decided_by, decision = _decision(stages, step, self._elsewhere)
         colours, states = self._patch(window, (row, column), disparity)
         known = self._record
         truth = None if lf.truth is None else float(lf.truth[y, x])
@@ -340,8 +343,7 @@ class Explainer:
     def _agrees(self, colours: NDArray[Any], states: NDArray[np.uint8], x: int, y: int) -> NDArray[np.bool_]:
         """Which views show the reference view's colour, by the pixel's own threshold."""
         lf = self._lf
-        low, high = threshold_bounds(self._noise.noise)
-        threshold = local_thresholds(lf.reference, low=low, high=high)[y, x] * lf.full_scale
+        threshold = self._thresholds[y, x] * lf.full_scale
         apart = np.abs(colours.astype(np.float64) - lf.reference[y, x]).mean(axis=2)
         return np.asarray((apart < threshold) & ((states == SEEN) | (states == HIDDEN)))
 
@@ -390,12 +392,13 @@ def _sample(view: NDArray[Any], y: float, x: float) -> NDArray[Any]:
     return np.asarray(value if view.dtype == np.float32 else np.rint(value)).astype(view.dtype)
 
 
-def _decision(stages: tuple[Stage, ...], step: float) -> tuple[str, str]:
+def _decision(stages: tuple[Stage, ...], step: float, elsewhere: bool) -> tuple[str, str]:
     """Which stage brought the disparity to where it is: its name, and a sentence."""
     signs, photo, *chain = stages
     for before, after in zip(chain[-2::-1], chain[:0:-1], strict=True):
         if abs(after.disparity - before.disparity) > step / 2:
             what = "The refinement between planes, or what lies beyond this window"
+            what = "Whoever made the map: these blocks end elsewhere" if elsewhere else what
             return after.name, f"{what if after is chain[-1] else after.name.capitalize()}."
     own = chain[0]
     near = [each for each in (signs, photo) if abs(each.disparity - own.disparity) <= step]

@@ -65,7 +65,7 @@ class Viewer:
         self.lf = lf
         self.maps = {each.identity: each for each in maps}
         self.runs = Runs(lf, self._add, threads=threads)
-        self._lock = threading.Lock()
+        self._lock, self._explaining = threading.Lock(), threading.Lock()
         self._explainers: dict[int, Explainer] = {}
 
     def _add(self, result: Result) -> int:
@@ -85,16 +85,20 @@ class Viewer:
         with self._lock:
             return list(self.maps.values())
 
+    def warm_up(self) -> None:
+        """Make the first click as fast as the others: its noise measured, its kernels loaded."""
+        for number in tuple(self.maps)[:1]:
+            self.evidence(number, self.lf.width // 2, self.lf.height // 2)
+
     def evidence(self, number: int, x: int, y: int) -> Evidence:
         """The evidence of a pixel of a map."""
         source = self.map(number).source
-        with self._lock:
+        with self._explaining:
             if number not in self._explainers:
                 while len(self._explainers) >= _KEPT_EXPLAINERS:
                     del self._explainers[next(iter(self._explainers))]
                 self._explainers[number] = Explainer(self.lf, source)
-            explainer = self._explainers[number]
-        return explainer.at(x, y)
+            return self._explainers[number].at(x, y)  # one at a time: blocks share memory
 
 
 class ViewerServer(ThreadingHTTPServer):
@@ -169,8 +173,8 @@ class _Handler(BaseHTTPRequestHandler):
         self._answer(
             {
                 r"": self._page,
-                r"view/(\d+)/(\d+)": self._view,
-                r"map/(\d+)/([a-z]+)": self._map,
+                r"view/(\d{1,6})/(\d{1,6})": self._view,
+                r"map/(\d{1,6})/([a-z]+)": self._map,
                 r"truth": self._truth,
                 r"why": self._why,
                 r"run": self._state,
@@ -202,8 +206,14 @@ class _Handler(BaseHTTPRequestHandler):
             route(*found.groups())
         except LightFieldError as error:
             self._json({"error": str(error)}, HTTPStatus.BAD_REQUEST)
-        except (KeyError, IndexError, ValueError):
+        except (KeyError, IndexError):
             self._send(HTTPStatus.NOT_FOUND, b"", "text/plain")
+        except ConnectionError:
+            raise
+        except Exception as error:  # the page has to hear of it, and the terminal, too
+            self.close_connection = True
+            self._json({"error": f"{type(error).__name__}: {error}"}, HTTPStatus.INTERNAL_SERVER_ERROR)
+            raise
 
     def _refusal(self) -> HTTPStatus | None:
         """Why a request is not answered; None if it is."""
@@ -254,7 +264,10 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _why(self) -> None:
         query = parse_qs(urlsplit(self.path).query)
-        number, x, y = (int(query[name][0]) for name in ("map", "x", "y"))
+        asked = [query[name][0] for name in ("map", "x", "y")]
+        if not all(re.fullmatch(r"-?\d{1,6}", each, re.ASCII) for each in asked):
+            raise KeyError(asked)
+        number, x, y = map(int, asked)
         viewer = self.server.viewer
         self._json(evidence_facts(viewer.evidence(number, x, y), viewer.lf.full_scale))
 

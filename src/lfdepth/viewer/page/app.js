@@ -277,7 +277,8 @@
       const values = this.truth ? this.truth.values : this.state.a && this.state.a.disparity;
       let low = Infinity, high = -Infinity;
       for (const value of values || []) if (Number.isFinite(value)) { if (value < low) low = value; if (value > high) high = value; }
-      if (!(low < high)) [low, high] = scene.range || [low - 0.5 || -1, high + 0.5 || 1];
+      if (low > high) [low, high] = scene.range || [-1, 1]; // no map
+      if (low === high) [low, high] = [low - 0.5, high + 0.5];
       this.state.ends = [low, high];
       this.showRanges();
     }

@@ -6,7 +6,12 @@
 
   class Program {
     constructor(gl, fragment, vertex = WHOLE) {
-      this.gl = gl;
+      Object.assign(this, { gl, fragment, vertex });
+    }
+
+    // Compiled when it is used first: without a graphics processor that takes long.
+    compile() {
+      const { gl, fragment, vertex } = this;
       this.program = gl.createProgram();
       for (const [kind, text] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, fragment]]) {
         const shader = gl.createShader(kind);
@@ -20,6 +25,8 @@
       if (!gl.getProgramParameter(this.program, gl.LINK_STATUS) && !gl.isContextLost())
         throw new Error(gl.getProgramInfoLog(this.program));
       this.places = new Map();
+      const block = gl.getUniformBlockIndex(this.program, "Chosen");
+      if (block !== gl.INVALID_INDEX) gl.uniformBlockBinding(this.program, block, 0);
     }
 
     at(name) {
@@ -30,6 +37,7 @@
     // Sets uniforms: whole numbers as {int}, textures as {unit, target, texture}, others by their length.
     use(values) {
       const gl = this.gl;
+      if (!this.program) this.compile();
       gl.useProgram(this.program);
       for (const [name, value] of Object.entries(values)) {
         const at = this.at(name);

@@ -99,8 +99,6 @@
       this.table = gl.createBuffer();
       gl.bindBufferBase(gl.UNIFORM_BUFFER, 0, this.table);
       gl.bufferData(gl.UNIFORM_BUFFER, 16 * MOST, gl.DYNAMIC_DRAW);
-      for (const { program } of [this.program, this.preview])
-        gl.uniformBlockBinding(program, gl.getUniformBlockIndex(program, "Chosen"), 0);
       this.finest = LF.target(gl, width, height);
       this.coarser = [2, 4].map((by) => LF.target(gl, Math.ceil(width / by), Math.ceil(height / by)));
       this.shown = this.finest;

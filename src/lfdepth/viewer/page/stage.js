@@ -110,6 +110,7 @@
       gl.disable(gl.DEPTH_TEST);
       gl.clearColor(...around, 1);
       gl.viewport(0, 0, this.canvas.width, this.canvas.height);
+      gl.disable(gl.SCISSOR_TEST);
       if (layers.every((layer) => layer)) gl.clear(gl.COLOR_BUFFER_BIT);
       gl.enable(gl.SCISSOR_TEST);
       layers.forEach((layer, number) => {
@@ -120,8 +121,16 @@
           if (number === 0) w = split * w;
           else { left = split * w; w = w - left; }
         }
-        gl.scissor(Math.round(left * density), Math.round(this.canvas.height - (top + h) * density),
-          Math.round(w * density), Math.round(h * density));
+        const scissor = (x, y, wide, high) => gl.scissor(Math.round(x * density),
+          Math.round(this.canvas.height - (y + high) * density), Math.round(wide * density), Math.round(high * density));
+        scissor(left, top, w, h);
+        gl.clear(gl.COLOR_BUFFER_BIT);
+        // Around the scene nothing is computed: where a processor draws, every pixel counts.
+        const [x0, y0] = this.toStage(0, 0, places[number]), [x1, y1] = this.toStage(LF.scene.width, LF.scene.height, places[number]);
+        const near = [Math.max(left, Math.floor(x0)), Math.max(top, Math.floor(y0))];
+        const far = [Math.min(left + w, Math.ceil(x1)), Math.min(top + h, Math.ceil(y1))];
+        if (far[0] <= near[0] || far[1] <= near[1]) return;
+        scissor(...near, far[0] - near[0], far[1] - near[1]);
         const smooth = layer.kind === 0 && (this.zoom * density < 1.5 || layer.coarse);
         this.programs[smooth ? 4 : layer.kind].use({
           first: { unit: 0, texture: layer.first }, second: { unit: 1, texture: layer.second || layer.first },
