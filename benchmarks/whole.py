@@ -48,9 +48,7 @@ def measure(source: Path, scene: Path, method: str, repeats: int, variants: obje
     """Seconds of each variant with the package in a folder."""
     command = [sys.executable, "-c", _PROGRAM, str(scene), method, str(repeats), json.dumps(variants)]
     path = os.pathsep.join(filter(None, [str(source), os.environ.get("PYTHONPATH")]))
-    done = subprocess.run(
-        command, env={**os.environ, "PYTHONPATH": path}, stdout=subprocess.PIPE, check=True
-    )
+    done = subprocess.run(command, env={**os.environ, "PYTHONPATH": path}, stdout=subprocess.PIPE, check=True)
     found: dict[str, list[float]] = json.loads(done.stdout)
     return found
 

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfdepth.blocks.gloss import WEIGHT, FineCount, outermost, replace_shares, suspects
-from lfdepth.blocks.noise import ramp, residual, texture_weight, threshold_bounds
+from lfdepth.blocks.noise import Residual, ramp, residual, texture_weight, threshold_bounds
 from lfdepth.blocks.photo import local_thresholds, thinned
 from lfdepth.blocks.smoothing import GuidedFilter
 from lfdepth.blocks.surface import fit_surfaces
@@ -86,6 +86,8 @@ class JointEnergy:
     stride
         Count photo-consistency on every `stride`-th plane only, and if that is not every one in every other
         row and column of views: enough for a first map that says which views see what, before `recount`.
+    noise
+        How far views differ for no reason; by default it is measured.
     engine
         Engine; by default the processor's, on one thread.
     trace
@@ -101,6 +103,7 @@ class JointEnergy:
         rule: JointRule,
         *,
         stride: int = 1,
+        noise: Residual | None = None,
         engine: Engine | None = None,
         trace: Trace | None = None,
     ) -> None:
@@ -114,7 +117,7 @@ class JointEnergy:
         grid = lf.shape[0], lf.shape[1]
         held = thinned(lf.available, sparse=False) | outermost(grid)  # views that any count looks at
         self._colours = self._engine.colour_views(lf, float(np.abs(planes).max()), held)
-        self._residual = residual(lf, planes, engine=self._engine)
+        self._residual = noise or residual(lf, planes, engine=self._engine)
         low, high = threshold_bounds(self._residual.noise)
         self._thresholds = local_thresholds(lf.reference, low=low, high=high)
         self._bounds = self._engine.upload(self._thresholds)

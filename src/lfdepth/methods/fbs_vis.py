@@ -164,5 +164,12 @@ class FbsVis(Method):
         smoothing = GuidedFilter(guide, self.photo_radius, self.epsilon, engine=work.engine)
         stride = 2 if self.visibility else 1
         return JointEnergy(
-            problem.lf, problem.planes, smoothing, rule, stride=stride, engine=work.engine, trace=work.trace
+            problem.lf,
+            problem.planes,
+            smoothing,
+            rule,
+            stride=stride,
+            noise=problem.noise,
+            engine=work.engine,
+            trace=work.trace,
         )
