@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from lfdepth.render.refocus import all_in_focus, foreground_masks, refocus, write_masks
     from lfdepth.result import Result, ViewMaps
     from lfdepth.scale.batch import estimate_many
+    from lfdepth.scale.tiles import estimate_tiled
     from lfdepth.scale.views import estimate_views
     from lfdepth.scoring import evaluate
     from lfdepth.trace import Trace
@@ -56,6 +57,7 @@ _HOMES = {
     "equalise": "lfdepth.probe.brightness",
     "estimate": "lfdepth.estimation",
     "estimate_many": "lfdepth.scale.batch",
+    "estimate_tiled": "lfdepth.scale.tiles",
     "estimate_views": "lfdepth.scale.views",
     "evaluate": "lfdepth.scoring",
     "explain": "lfdepth.viewer.evidence",
@@ -91,6 +93,7 @@ __all__ = [
     "equalise",
     "estimate",
     "estimate_many",
+    "estimate_tiled",
     "estimate_views",
     "evaluate",
     "explain",

@@ -104,9 +104,9 @@ class JointEnergy:
         rule: JointRule,
         *,
         stride: int = 1,
+        noise: Residual | None = None,
         engine: Engine | None = None,
         trace: Trace | None = None,
-        noise: Residual | None = None,
     ) -> None:
         self.planes = planes
         self.rule = rule

@@ -16,6 +16,7 @@ from lfdepth.cli.options import (
     Json,
     MapSource,
     MapSources,
+    Memory,
     Output,
     Range,
     Reading,
@@ -39,12 +40,15 @@ from lfdepth.cli.printing import (
     report,
     scene_facts,
     scene_text,
+    tiled_facts,
+    tiled_text,
 )
 from lfdepth.demo import SIZE, run_demo
 from lfdepth.errors import LightFieldError
 
 if TYPE_CHECKING:
     from lfdepth.lightfield import LightField
+    from lfdepth.methods import Method
     from lfdepth.probe.order import Orientation
     from lfdepth.result import Result
 
@@ -73,6 +77,7 @@ def estimate(
     refine_positions: Flag = False,
     view: View = None,
     all_views: Flag = False,
+    memory: Memory = None,
     as_json: Json = False,
     options: Any = None,
     reading: ReadingParameters = AS_IT_IS,
@@ -85,6 +90,7 @@ def estimate(
         lfdepth estimate cotton -o cotton.npz --range -1.6 1.5 --step 0.02
         lfdepth estimate cotton -o cotton.npy --method fbsocc-sfa --preset paper-synthetic
         lfdepth estimate cotton -o cotton.zarr --all-views
+        lfdepth estimate gantry.zarr -o gantry.tif --memory 2GB
 
     Parameters
     ----------
@@ -123,6 +129,9 @@ def estimate(
     all_views
         Estimate the maps of all views, which agree with each other. The output is an .npz or .zarr with
         arrays (V, U, H, W), or a folder of .pfm files.
+    memory
+        Work by tiles and take no more memory than this, such as 2GB: for fields that do not fit. The output
+        is a .zarr, .tif or .npy; after a break, the same command goes on.
     """
     import lfdepth
     from lfdepth.cli.ahead import KernelsAhead
@@ -130,6 +139,14 @@ def estimate(
     from lfdepth.io import check_view_maps_writable, check_writable
 
     chosen = lfdepth.method(method, preset=preset, **given(options))
+    if memory is not None:
+        one_map = {"--preview": preview, "--mesh": mesh, "--aspect": aspect, "--view": view, "--force": force}
+        one_map |= {"--refine-positions": refine_positions, "--all-views": all_views}
+        _check_by_tiles(one_map | {"--quantity": quantity != "disparity"})
+        settings: dict[str, Any] = {"threads": threads, "engine": engine, "equalise": equalise == "auto"}
+        settings["range"] = range
+        _estimate_by_tiles(scene, output, chosen, memory, settings, reading, as_json)
+        return
     if all_views:
         _check_all_views(view, quantity, mesh)
         check_view_maps_writable(output)
@@ -137,7 +154,7 @@ def estimate(
         check_writable(output)
     if preview is not None:
         check_picture(preview, apart_from=output)
-    settings: dict[str, Any] = {
+    settings = {
         "threads": threads,
         "force": force,
         "engine": engine,
@@ -538,6 +555,39 @@ def _with_measured(lf: LightField, aspect: float) -> LightField:
     import lfdepth
 
     return lf if aspect == 1 else lfdepth.with_aspect(lf, aspect)
+
+
+def _check_by_tiles(options: dict[str, Any]) -> None:
+    """Raise LightFieldError where an option asks for what needs a whole map at once."""
+    for name, value in options.items():
+        if value not in (None, False):
+            raise LightFieldError(f"{name}: found with --memory, which works by tiles; leave one out")
+
+
+def _estimate_by_tiles(
+    scene: Path,
+    output: Path,
+    method: Method,
+    memory: float,
+    settings: dict[str, Any],
+    reading: Reading,
+    as_json: bool,
+) -> None:
+    """Estimate a map tile by tile, and say what was done."""
+    from lfdepth.cli.progress import Progress
+    from lfdepth.scale.tiles import estimate_tiled
+
+    with Progress() as progress:
+        done = estimate_tiled(
+            scene,
+            output,
+            method,
+            memory=memory,
+            reading=reading.given(),
+            progress=progress.step,
+            **settings,
+        )
+    report(tiled_facts(scene, done), as_json, tiled_text)
 
 
 def _check_all_views(view: tuple[int, int] | None, quantity: Quantity, mesh: bool) -> None:

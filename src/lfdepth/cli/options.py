@@ -43,6 +43,19 @@ def _view(_: Any, tokens: Sequence[Token]) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
+def _memory(_: Any, tokens: Sequence[Token]) -> float:
+    """Bytes from a number with a unit."""
+    match = re.fullmatch(r"([0-9.]+)\s*([KMGT]?)B?", tokens[0].value, re.I)
+    try:
+        number = float(match[1]) if match else 0.0
+    except ValueError:
+        number = 0.0
+    if match is None or number <= 0:
+        raise ValueError(f"found {tokens[0].value!r}, expected a size such as 2GB or 500MB")
+    return number * float(1000 ** " KMGT".index(match[2].upper() or " "))
+
+
+Memory = Annotated[float | None, Parameter(converter=_memory, n_tokens=1, metavar="SIZE")]
 View = Annotated[tuple[int, int] | None, Parameter(converter=_view, n_tokens=1, metavar="V,U")]
 Output = Annotated[Path, Parameter(alias="-o")]
 Range = Annotated[tuple[float, float] | None, Parameter(metavar="MIN MAX")]
@@ -218,6 +231,11 @@ class Reading:
         for short, long in _LONG_NAMES.items():
             options[long] = options.pop(short)
         return options
+
+    def given(self) -> dict[str, Any]:
+        """Those that were set."""
+        usual = AS_IT_IS.arguments()
+        return {key: value for key, value in self.arguments().items() if value != usual[key]}
 
     def check_order(self, lf: LightField) -> Orientation:
         """Test on the pixels whether the views that were read so are in order."""

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from lfdepth.probe.brightness import Equalisation
     from lfdepth.probe.order import Orientation
     from lfdepth.result import Result, ViewMaps
+    from lfdepth.scale.tiles import Tiled
 
 Facts = dict[str, Any]
 
@@ -88,6 +89,35 @@ def estimate_text(facts: Facts) -> str:
             "range": f"{_range_text(facts['range'])}{found}, {facts['planes']} planes",
             "time": f"{facts['runtime_s']:.2f} s, {facts['ms_per_plane']:.1f} ms per plane{compilation}",
             **every,
+            "written": ", ".join(facts["written"]),
+        }
+    )
+
+
+def tiled_facts(scene: Path, done: Tiled) -> Facts:
+    """What an estimate by tiles did."""
+    return {
+        "scene": str(scene),
+        "shape": list(done.shape),
+        "range": list(done.range),
+        "tiles": done.tiles,
+        "done_before": done.there,
+        "tile_px": done.tile,
+        "halo_px": done.halo,
+        "runtime_s": done.seconds,
+        "written": [str(done.output)],
+    }
+
+
+def tiled_text(facts: Facts) -> str:
+    """The same in words."""
+    before = f", {facts['done_before']} of them done before" if facts["done_before"] else ""
+    return _aligned(
+        {
+            "scene": f"{facts['scene']}, {_shape_text(facts['shape'])}",
+            "range": _range_text(facts["range"]),
+            "tiles": f"{facts['tiles']} of {facts['tile_px']} px and {facts['halo_px']} around{before}",
+            "time": f"{facts['runtime_s']:.2f} s",
             "written": ", ".join(facts["written"]),
         }
     )

@@ -74,9 +74,8 @@ def batch(
         "range": range,
         "engine": engine,
         "equalise": equalise == "auto",
-        "reading": {key: value for key, value in reading.arguments().items() if value not in (None, False)},
+        "reading": reading.given(),
     }
-    common["reading"].pop("truth_offset", None)
     if dry_run:
         expected = expect(scenes, chosen, output, **common)
         report(expected.as_dict(), as_json, lambda facts: _expected_text(facts, expected.table().to_text()))

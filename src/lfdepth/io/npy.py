@@ -162,11 +162,16 @@ class _OnDisk:
         if not fixed and first != (...,):  # pixels before views: parts are spread over all of the file
             return np.memmap(self.path, self.dtype, "r", self.offset, self.shape)[index]
         place = sum(int(i) * prod(self.shape[axis + 1 :]) for axis, i in enumerate(fixed))
+        rest = list(first[len(fixed) :])
+        if inner and rest and isinstance(rest[0], slice) and rest[0].step in (None, 1):  # some rows
+            start, stop, _ = rest[0].indices(inner[0])
+            place += start * prod(inner[1:])
+            inner, rest[0] = (max(stop - start, 0), *inner[1:]), slice(None)
         count = prod(inner)
         block = np.fromfile(self.path, self.dtype, count, offset=self.offset + place * self.dtype.itemsize)
         if block.size != count:
             raise ValueError("the file has become shorter")
-        return block.reshape(inner)[first[len(fixed) :]]
+        return block.reshape(inner)[tuple(rest)]
 
 
 @dataclass(frozen=True)

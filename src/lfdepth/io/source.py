@@ -35,6 +35,8 @@ class ViewSource:
     read_part : callable, optional
         ``read_part(v, u, rows, columns)`` reads these slices of a view, where that takes less than all of it;
         views are then all of one size.
+    size : tuple of int, optional
+        (H, W) of views, where `read_part` is there and it is known without reading one.
     describe : callable
         ``describe(v, u)`` names a view in error messages, usually its file.
     present : ndarray, shape (V, U), optional
@@ -62,6 +64,7 @@ class ViewSource:
     default_views: tuple[int, int] | None = None
     close: Callable[[], None] = lambda: None
     read_part: Callable[[int, int, slice, slice], npt.NDArray[Any]] | None = None
+    size: tuple[int, int] | None = None
     white: float | None = None
     positions: npt.NDArray[np.float64] | None = None
     remarks: tuple[str, ...] = ()
@@ -142,9 +145,18 @@ def _assemble(source: ViewSource, selection: Selection) -> LightField:
             f"{source.describe(*reference)}: the reference view is missing; expected it to be present; read "
             "other views, or another grid"
         )
-    whole = source.read_view(*reference)
-    window = _Window.of(whole, selection, source.name)
-    first = window.view(whole)
+    if _can_leave_out(source, selection):
+        assert source.read_part is not None
+        assert source.size is not None
+        size = source.size
+        window = _Window.of(size, selection, source.name)
+        whole = source.read_part(*reference, *window.slices)
+        first = scale_view(whole, window.scale)
+    else:
+        whole = source.read_view(*reference)
+        size = (whole.shape[0], whole.shape[1])
+        window = _Window.of(size, selection, source.name)
+        first = window.view(whole)
     views = np.zeros((*stored.shape, *first.shape), dtype=first.dtype)
     peaks = np.zeros(stored.shape)
     peaks[stored.shape[0] // 2, stored.shape[1] // 2] = whole.max(initial=0)
@@ -173,12 +185,12 @@ def _assemble(source: ViewSource, selection: Selection) -> LightField:
     # Reordering an even grid moves the reference view, and the truth is that of the old one.
     same_reference = reference == reference_index(source.grid)
     positions, steps = _positions(source, selection, stored, present)
-    truth = _checked_truth(selection.truth, whole, source.name)
+    truth = _checked_truth(selection.truth, size, source.name)
     if truth is None and same_reference:
         truth = source.truth
     return LightField(
         views=views,
-        camera=window.camera(selection.camera.apply(source.camera, whole.shape[1], whole.shape[0])),
+        camera=window.camera(selection.camera.apply(source.camera, size[1], size[0])),
         disparity_range=window.disparity_range(source.disparity_range),
         truth=None if truth is None else window.disparity(truth),
         masks={key: window.map(mask) for key, mask in source.masks.items()} if same_reference else {},
@@ -188,6 +200,11 @@ def _assemble(source: ViewSource, selection: Selection) -> LightField:
         remarks=(*source.remarks, *remarks, *steps),
         name=source.name,
     )
+
+
+def _can_leave_out(source: ViewSource, selection: Selection) -> bool:
+    """Whether the reference view need not be read whole: nothing but its size, and white, is asked of it."""
+    return source.size is not None and selection.crop is not None and selection.white_level is not None
 
 
 def _to_full_scale(
@@ -210,13 +227,12 @@ def _to_full_scale(
 
 
 def _checked_truth(
-    truth: npt.NDArray[np.float32] | None, whole: npt.NDArray[Any], what: str
+    truth: npt.NDArray[np.float32] | None, size: tuple[int, int], what: str
 ) -> npt.NDArray[np.float32] | None:
-    if truth is not None and truth.shape != whole.shape[:2]:
+    if truth is not None and truth.shape != size:
         raise LightFieldError(
-            f"{what}: truth is {truth.shape[1]}x{truth.shape[0]} px; expected "
-            f"{whole.shape[1]}x{whole.shape[0]} "
-            "px, the size of the whole views; give this scene's truth"
+            f"{what}: truth is {truth.shape[1]}x{truth.shape[0]} px; expected {size[1]}x{size[0]} px, the "
+            "size of the whole views; give this scene's truth"
         )
     return truth
 
@@ -270,8 +286,9 @@ class _Window:
     scale: float
 
     @staticmethod
-    def of(whole: npt.NDArray[Any], selection: Selection, what: str) -> _Window:
-        size = whole.shape[1], whole.shape[0]
+    def of(view: tuple[int, int], selection: Selection, what: str) -> _Window:
+        """The window of views of a size (H, W)."""
+        size = view[1], view[0]
         crop: tuple[int, int, int, int] = selection.crop or (0, 0, *size)
         check_window(crop, size, what)
         scaled_size(crop[2:], selection.scale, what)  # raises early

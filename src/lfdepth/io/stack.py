@@ -184,6 +184,7 @@ def open_stack(
         grid=grid,
         read_view=lambda v, u: read_part(v, u, slice(None), slice(None)),
         read_part=read_part,
+        size=(lengths["H"], lengths["W"]),
         describe=lambda v, u: f"{path}: view ({v}, {u})",
         close=close,
         remarks=() if notes or axes == _LAYOUTS[len(axes)][0] or axes == "VUHW" else (_order_remark(axes),),

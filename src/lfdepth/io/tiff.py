@@ -72,6 +72,10 @@ def open_tiff(path: Path, layout: Layout) -> ViewSource:
         view = views[0] if len(views) == 1 else np.concatenate(views, axis=-1)
         return without_alpha(view, f"{path}: page {v * grid[1] + u}") if view.shape[2] in (2, 4) else view
 
+    def read_part(v: int, u: int, rows: slice, columns: slice) -> npt.NDArray[Any]:
+        with lock:
+            return stored.part(path, v * grid[1] + u, rows)[:, columns]
+
     try:
         if stored.pages < 2:
             raise LightFieldError(
@@ -93,9 +97,12 @@ def open_tiff(path: Path, layout: Layout) -> ViewSource:
     except BaseException:
         file.close()
         raise
+    windowed = stored.windowed()
     source = ViewSource(
         grid=grid,
         read_view=read_view,
+        read_part=None if windowed is None else read_part,
+        size=windowed,
         describe=lambda v, u: f"{path}: page {v * grid[1] + u}",
         close=file.close,
         white=stored.white,
@@ -167,6 +174,37 @@ class _Stored:
         block, rest = divmod(view, self.apart)
         first = block * self.colours * self.apart + rest
         return [first + colour * self.apart for colour in range(self.colours)]
+
+    def windowed(self) -> tuple[int, int] | None:
+        """(H, W) of pages that lie in the file as they are, so that some of their rows can be read alone."""
+        if self.planes is not None or self.colours != 1:
+            return None
+        pages = list(self.series.pages)
+        first = pages[0].keyframe
+        plain = (
+            first.compression == first.predictor == first.fillorder == 1
+            and first.photometric.name in ("MINISBLACK", "RGB")
+            and first.planarconfig in (None, 1)
+            and first.dtype in (np.uint8, np.uint16, np.float32)
+            and first.bitspersample == 8 * first.dtype.itemsize
+            and first.samplesperpixel in (1, 3)
+        )
+        if not plain or any(page.keyframe.hash != first.hash or not page.is_contiguous for page in pages):
+            return None
+        return first.imagelength, first.imagewidth
+
+    def part(self, path: Path, number: int, rows: slice) -> npt.NDArray[Any]:
+        """Some rows of a page, where pages are `windowed`."""
+        page = self.series.pages[number]
+        first = page.keyframe
+        start, stop, _ = rows.indices(first.imagelength)
+        shape = (stop - start, first.imagewidth, first.samplesperpixel)
+        order = np.dtype(first.dtype).newbyteorder(first.parent.byteorder)
+        offset = page.dataoffsets[0] + start * prod(shape[1:]) * order.itemsize
+        block = np.fromfile(path, order, prod(shape), offset=offset)
+        if block.size != prod(shape):
+            raise stack.unreadable(path, ValueError("the file has become shorter"))
+        return block.astype(order.newbyteorder("="), copy=False).reshape(shape)
 
     def page(self, number: int) -> tuple[npt.NDArray[Any], str]:
         """Pixels of a page, and their mode."""

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from lfdepth.blocks.noise import Residual
 from lfdepth.blocks.planes import disparity_planes
 from lfdepth.engines.base import Engine
 from lfdepth.lightfield import LightField
@@ -49,11 +50,15 @@ class Problem:
         (min, max) disparity, px per view step.
     planes
         (K,) disparities front to back, evenly spaced; for methods without planes, the two ends.
+    noise
+        How far views differ for no reason, where that was measured over more than this light field; None
+        leaves it to the method.
     """
 
     lf: LightField
     range: tuple[float, float]
     planes: NDArray[np.float64]
+    noise: Residual | None = None
 
     @property
     def size(self) -> tuple[int, int]:

@@ -162,6 +162,7 @@ class FbsVis(Method):
             smoothing,
             self.joint_rule,
             stride=stride,
+            noise=problem.noise,
             engine=work.engine,
             trace=work.trace,
         )

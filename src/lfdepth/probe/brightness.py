@@ -139,7 +139,13 @@ class Equalisation:
         return "; ".join(filter(None, [f"differs between views ({', '.join(parts)}), equalised", dark]))
 
 
-def equalise(lf: LightField, found: Equalisation) -> LightField:
+def equalise(
+    lf: LightField,
+    found: Equalisation,
+    *,
+    part: tuple[slice, slice] | None = None,
+    size: tuple[int, int] | None = None,
+) -> LightField:
     """The light field with the brightness of all views made that of the reference view.
 
     Parameters
@@ -148,6 +154,9 @@ def equalise(lf: LightField, found: Equalisation) -> LightField:
         Light field.
     found
         What was measured in its views.
+    part, size
+        Where the light field is a window of a larger one that was measured: its rows and columns there, and
+        the larger one's (H, W).
 
     Returns
     -------
@@ -178,7 +187,10 @@ def equalise(lf: LightField, found: Equalisation) -> LightField:
         return lf
     kind = "float32" if lf.views.dtype == np.float32 else "uint16"
     white, views = FULL_SCALE[kind], np.zeros(lf.shape, kind)
-    terms = _terms(*np.meshgrid(*(np.linspace(-1, 1, n) for n in lf.shape[2:4]), indexing="ij"))
+    whole = size or (lf.height, lf.width)
+    here = part or (slice(None), slice(None))
+    axes = (np.linspace(-1, 1, n)[along] for n, along in zip(whole, here, strict=True))
+    terms = _terms(*np.meshgrid(*axes, indexing="ij"))
     for index in np.ndindex(*lf.shape[:2]):
         if lf.present is not None and not lf.present[index]:
             continue

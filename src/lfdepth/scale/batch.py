@@ -10,23 +10,20 @@ whole or not there; so the same call does only what is missing, and several may 
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 from typing import Any
 
-from lfdepth.engines.cpu.workers import default_threads
-from lfdepth.errors import LightFieldError
-from lfdepth.io import read
 from lfdepth.io.atomic import check_target, make_folder
-from lfdepth.io.formats import find_format
-from lfdepth.io.layout import Layout
 from lfdepth.lightfield import LightField, check_range
 from lfdepth.memory import size_text
 from lfdepth.methods import Method
 from lfdepth.methods import method as named_method
 from lfdepth.scale import pools
 from lfdepth.scale.jobs import Job, at_hand, jobs_for
+from lfdepth.scale.look import look
 from lfdepth.scale.page import write_page
 from lfdepth.scale.work import Outcome, failed
 from lfdepth.table import Column, Table
@@ -149,7 +146,7 @@ def estimate_many(
     left = [job for job in jobs if job.scene not in found]
     if progress is not None:
         progress(len(found), len(jobs), "what is there")
-    for outcome in _outcomes(left, client, scheduler, workers):
+    for outcome in pools.done_by(left, client, scheduler, workers):
         found[outcome.scene] = outcome
         if progress is not None:
             progress(len(found), len(jobs), Path(outcome.scene).name)
@@ -179,26 +176,6 @@ def _jobs(
 def _known(job: Job) -> Outcome | None:
     """What is known of a job before any work; LightFieldError where its result is of other settings."""
     return Outcome(job.scene, str(job.target), "there") if job.is_done() else None
-
-
-def _outcomes(
-    jobs: Sequence[Job], client: Any, scheduler: str | None, workers: int | None
-) -> Iterator[Outcome]:
-    """Have the jobs done by whoever was asked to."""
-    if workers is not None and workers < 1:
-        raise LightFieldError(f"workers: found {workers}, expected at least 1")
-    if sum(each is not None for each in (client, scheduler, workers)) > 1:
-        raise LightFieldError("batch: expected one of client, scheduler and workers; leave the others out")
-    if not jobs:
-        return
-    if client is not None:
-        yield from pools.on_cluster(jobs, client)
-    elif scheduler is not None:
-        with pools.connect(scheduler) as ours:
-            yield from pools.on_cluster(jobs, ours, scheduler)
-    else:
-        count = min(workers or default_threads(), len(jobs))
-        yield from pools.in_this_process(jobs) if count == 1 else pools.in_processes(jobs, count)
 
 
 def _row(outcome: Outcome) -> tuple[str | float | None, ...]:
@@ -286,34 +263,17 @@ def expect(
     rows, failures, speed = [], [], None
     for job in left:
         try:
-            few, shape = _look(job)
+            with at_hand(job.scene) as path:
+                seen = look(path, job.reading)
             chosen = job.chosen()
-            ends = job.settings.get("range") or few.disparity_range or _USUAL_RANGE
+            ends = job.settings.get("range") or seen.range or _USUAL_RANGE
             planes = chosen.planes_for((float(ends[0]), float(ends[1])))
-            views = few.views.itemsize * shape[0] * shape[1] * shape[2] * shape[3] * shape[4]
             speed = speed or _speed(chosen, engine)
-            work = shape[0] * shape[1] * shape[2] * shape[3] * len(planes)
-            needed = views + chosen.memory(shape, planes, few.views.itemsize)
-            rows.append((job.scene, shape, needed, work * speed))
+            needed = seen.itemsize * prod(seen.shape) + chosen.memory(seen.shape, planes, seen.itemsize)
+            rows.append((job.scene, seen.shape, needed, prod(seen.shape[:4]) * len(planes) * speed))
         except Exception as error:  # as in `run_job`
             failures.append(failed(job, error))
     return Expected(tuple(rows), len(jobs) - len(left), tuple(failures))
-
-
-def _look(job: Job) -> tuple[LightField, tuple[int, int, int, int, int]]:
-    """Two views of a scene, and the shape that all of them will have."""
-    reading = dict(job.reading)
-    with at_hand(job.scene) as path:
-        layout = Layout(
-            reading.get("grid"), reading.get("partial", False), reading.get("pattern"), reading.get("axes")
-        )
-        source = find_format(path, reading.get("format")).open(path, layout)
-        v, u = reading.get("views") or source.default_views or source.grid
-        source.close()
-        if reading.get("transpose") and not reading.get("views"):
-            v, u = u, v
-        few = read(path, **{**reading, "views": (1, 2) if u > 1 else (2, 1)})
-    return few, (v, u, *few.shape[2:])
 
 
 def _speed(method: Method, engine: str) -> float:

@@ -13,6 +13,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from typing import Any
 
+from lfdepth.engines.cpu.workers import default_threads
 from lfdepth.errors import LightFieldError
 from lfdepth.scale.jobs import Job
 from lfdepth.scale.work import CrowdedError, Outcome, failed, run_job
@@ -29,27 +30,24 @@ _WAITS = 60
 """How often a worker tries to find memory for a job."""
 
 
-def in_this_process(jobs: Sequence[Job]) -> Iterator[Outcome]:
+Run = Callable[[Job], Outcome]
+"""Does a job; raises CrowdedError for want of memory."""
+
+
+def in_this_process(jobs: Sequence[Job], run: Run = run_job) -> Iterator[Outcome]:
     """One after the other."""
     for job in jobs:
-        yield _waiting(job)
+        yield _waiting(job, run)
 
 
-def in_processes(
-    jobs: Sequence[Job], workers: int, run: Callable[[Job], Outcome] | None = None
-) -> Iterator[Outcome]:
-    """In a few processes of this machine; where one is killed, its jobs are done again.
-
-    `run` does a job; by default what a batch does.
-    """
+def in_processes(jobs: Sequence[Job], workers: int, run: Run = run_job) -> Iterator[Outcome]:
+    """In a few processes of this machine; where one is killed, its jobs are done again."""
     tries = dict.fromkeys(range(len(jobs)), 0)
     while tries:
-        yield from _in_pool(jobs, workers, run or _waiting, tries)
+        yield from _in_pool(jobs, workers, run, tries)
 
 
-def _in_pool(
-    jobs: Sequence[Job], workers: int, run: Callable[[Job], Outcome], tries: dict[int, int]
-) -> Iterator[Outcome]:
+def _in_pool(jobs: Sequence[Job], workers: int, run: Run, tries: dict[int, int]) -> Iterator[Outcome]:
     """Outcomes of the jobs that `tries` counts, which leave it; the others stay there if a worker dies.
 
     No more are handed out than are at work, so that only these are suspected of having killed it; and those
@@ -60,7 +58,7 @@ def _in_pool(
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
         while waiting or running:
             while waiting and len(running) < (1 if tries[waiting[0]] else workers):
-                running[pool.submit(run, jobs[waiting[0]])] = waiting[0]
+                running[pool.submit(_waiting, jobs[waiting[0]], run)] = waiting[0]
                 del waiting[0]
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 number = running.pop(future)
@@ -76,11 +74,11 @@ def _in_pool(
                 yield outcome
 
 
-def _waiting(job: Job) -> Outcome:
+def _waiting(job: Job, run: Run) -> Outcome:
     """The outcome of a job; while others take the memory, it waits."""
     for _ in range(_WAITS):
         try:
-            return run_job(job)
+            return run(job)
         except CrowdedError as error:
             last = error
             time.sleep(_PAUSE)
@@ -92,6 +90,32 @@ def _killed(job: Job, error: BaseException) -> LightFieldError:
         f"{job.scene}: {_TRIES} workers died over it ({' '.join(str(error).split())[:100]}); expected one to "
         "survive; if memory ran out, start fewer workers, or use --scale or --crop"
     )
+
+
+def done_by(
+    jobs: Sequence[Job], client: Any, scheduler: str | None, workers: int | None, run: Run = run_job
+) -> Iterator[Outcome]:
+    """By whoever is asked to: a client's cluster, a scheduler's, or a number of processes.
+
+    Raises
+    ------
+    LightFieldError
+        If more than one is named, or there is none to do it.
+    """
+    if workers is not None and workers < 1:
+        raise LightFieldError(f"workers: found {workers}, expected at least 1")
+    if sum(each is not None for each in (client, scheduler, workers)) > 1:
+        raise LightFieldError("batch: expected one of client, scheduler and workers; leave the others out")
+    if not jobs:
+        return
+    if client is not None:
+        yield from on_cluster(jobs, client, run=run)
+    elif scheduler is not None:
+        with connect(scheduler) as ours:
+            yield from on_cluster(jobs, ours, scheduler, run)
+    else:
+        count = min(workers or default_threads(), len(jobs))
+        yield from in_this_process(jobs, run) if count == 1 else in_processes(jobs, count, run)
 
 
 # --- Dask
@@ -121,7 +145,9 @@ def connect(address: str, patience: float = _ANSWER) -> Any:
         ) from None
 
 
-def on_cluster(jobs: Sequence[Job], client: Any, address: str | None = None) -> Iterator[Outcome]:
+def on_cluster(
+    jobs: Sequence[Job], client: Any, address: str | None = None, run: Run = run_job
+) -> Iterator[Outcome]:
     """On the workers of a cluster; with its address, a scheduler that is started again is waited for.
 
     Raises
@@ -138,7 +164,7 @@ def on_cluster(jobs: Sequence[Job], client: Any, address: str | None = None) -> 
         while left:
             problem: Exception | None = None
             try:
-                asked = {client.submit(_on_worker, job, key=key): job for key, job in left.items()}
+                asked = {client.submit(_on_worker, job, run, key=key): job for key, job in left.items()}
                 crowded: dict[str, list[str]] = {}
                 done = as_completed(asked, loop=client.loop)
                 for future in done:
@@ -148,7 +174,7 @@ def on_cluster(jobs: Sequence[Job], client: Any, address: str | None = None) -> 
                         full = crowded.setdefault(job.key, [])
                         full.append(outcome.address)
                         again = client.submit(
-                            _on_worker, job, key=f"{job.key}-{len(full)}", **_elsewhere(client, full)
+                            _on_worker, job, run, key=f"{job.key}-{len(full)}", **_elsewhere(client, full)
                         )
                         asked[again] = job
                         done.add(again)
@@ -204,10 +230,10 @@ def _lost(address: str, error: Exception | None, left: int) -> LightFieldError:
     )
 
 
-def _on_worker(job: Job) -> Outcome | _Crowded:
+def _on_worker(job: Job, run: Run) -> Outcome | _Crowded:
     """Do a job on a worker of Dask; where there is no memory, hand it back, so that another may try."""
     try:
-        return run_job(job)
+        return run(job)
     except CrowdedError as error:
         from distributed import get_worker
 

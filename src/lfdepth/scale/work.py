@@ -6,7 +6,7 @@ import json
 import os
 import socket
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -64,7 +64,18 @@ class Outcome:
 
 
 def run_job(job: Job) -> Outcome:
-    """Do a job, unless it has been done; what goes wrong is part of the outcome.
+    """Estimate a scene, unless that has been done; what goes wrong is part of the outcome.
+
+    Raises
+    ------
+    CrowdedError
+        If what is free of the memory does not suffice, so that another worker may try.
+    """
+    return run_alone(job, _done)
+
+
+def run_alone(job: Job, do: Callable[[Job], Outcome]) -> Outcome:
+    """Do a job, unless it has been done or another process is about it; what goes wrong is an outcome.
 
     Raises
     ------
@@ -75,7 +86,7 @@ def run_job(job: Job) -> Outcome:
         with _alone(job):
             if job.is_done():
                 return Outcome(job.scene, str(job.target), "there")
-            return _done(job)
+            return do(job)
     except CrowdedError:
         raise
     except Exception as error:  # one bad scene, whatever is wrong with it, must not cost the others
@@ -86,7 +97,7 @@ def failed(job: Job, error: BaseException) -> Outcome:
     """The outcome of a job that could not be done."""
     text = " ".join(str(error).split())
     message = text if isinstance(error, LightFieldError) else f"{type(error).__name__}: {text[:200]}"
-    return Outcome(job.scene, str(job.target), "failed", message, worker=_me())
+    return Outcome(job.scene, str(job.target), "failed", message, worker=this_worker())
 
 
 def _done(job: Job) -> Outcome:
@@ -95,7 +106,7 @@ def _done(job: Job) -> Outcome:
         lf = read(path, **job.reading)
         chosen = job.chosen()
         if lf.disparity_range is not None or job.settings.get("range") is not None:
-            _check_room(job, chosen.memory(lf.shape, chosen.planes_for(_range(job, lf)), lf.views.itemsize))
+            check_room(job, chosen.memory(lf.shape, chosen.planes_for(_range(job, lf)), lf.views.itemsize))
         result = estimate(lf, chosen, threads=job.threads, **job.settings)
     _write(job, result)
     return Outcome(
@@ -105,7 +116,7 @@ def _done(job: Job) -> Outcome:
         shape=lf.shape,
         range=result.range,
         seconds=time.perf_counter() - started,
-        worker=_me(),
+        worker=this_worker(),
     )
 
 
@@ -114,12 +125,13 @@ def _range(job: Job, lf: Any) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def _check_room(job: Job, needed: int) -> None:
+def check_room(job: Job, needed: int) -> None:
+    """Raise CrowdedError where fewer than the bytes needed beside the views are free."""
     free = available_memory()
     if free is not None and needed > free and not job.settings.get("force"):
         raise CrowdedError(
             f"{job.scene}: needs {size_text(needed)} beside the views, {size_text(free)} are free on "
-            f"{_me()}; expected enough memory; start fewer workers, or larger ones"
+            f"{this_worker()}; expected enough memory; start fewer workers, or larger ones"
         )
 
 
@@ -135,6 +147,7 @@ def _write(job: Job, result: Result) -> None:
         "parameters": np.asarray(record.parameters),
         PROVENANCE: np.asarray(json.dumps(job.provenance(), sort_keys=True, default=str)),
     }
+    make_folder(job.thumbnail.parent)
     with atomic(job.thumbnail) as temporary:
         _thumbnail(result, temporary)
     with atomic(job.target) as temporary:
@@ -159,7 +172,6 @@ def _thumbnail(result: Result, path: Path) -> None:
 @contextmanager
 def _alone(job: Job) -> Iterator[None]:
     """Wait until no other process works on the same result; a lock ends with the process that holds it."""
-    make_folder(job.thumbnail.parent)
     file = make_folder(Path(job.folder) / LOCKS) / f"{job.name}.lock"
     try:
         import fcntl
@@ -172,5 +184,6 @@ def _alone(job: Job) -> Iterator[None]:
         yield
 
 
-def _me() -> str:
+def this_worker() -> str:
+    """Host and process."""
     return f"{socket.gethostname()}:{os.getpid()}"

@@ -1,0 +1,236 @@
+"""Figures of docs/scale.md: every view, many scenes, fields larger than memory.
+
+    python benchmarks/scale.py views [SCENES...] [--size 192] [--apart]
+    python benchmarks/scale.py cost FOLDER
+    python benchmarks/scale.py batch [--scenes 40] [--size 256]
+    python benchmarks/scale.py tiles SCENES... [--size 256] [--tile 128] [--halos 16 32 48 64]
+    python benchmarks/scale.py size [--sides 512 1024 2048] [--views 5] [--memory 8e8]
+
+`views`: bad pixels of all views of procedural scenes against the truth of each, and whether maps agree.
+`cost`: time and memory of the maps of all views of a light field, such as the benchmark's cotton, beside
+those of one map. `batch`: scenes in an hour by one process and by two. `tiles`: how far maps by tiles are
+from whole ones, by the halo. `size`: time and memory of maps by tiles as fields grow.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import resource
+import shutil
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import lfdepth
+from lfdepth import scenes
+from lfdepth.scale.tiles import estimate_tiled
+from lfdepth.scale.views import consistency
+from lfdepth.table import Column, Table
+
+SCENES = ("demo", "bars", "leaves", "sphere", "room", "gloss", "fence", "solids")
+BAD = 0.07
+
+
+def bad(disparity: Any, truth: Any) -> Any:
+    """Share of bad pixels in percent, of each map."""
+    return 100 * np.mean(np.abs(disparity - truth) > BAD, axis=(-2, -1))
+
+
+def views(names: list[str], size: int, apart: bool) -> None:
+    rows: list[list[Any]] = []
+    for name in names:
+        lf = scenes.render(name, size=size, views=9)
+        truth = scenes.truth_of_views(name, size=size, views=9)
+        maps = lfdepth.estimate_views(lf, check=False)
+        errors, reference = bad(maps.disparity, truth), float(bad(maps.reference.disparity, lf.truth))
+        row: list[Any] = [
+            name,
+            reference,
+            float(errors.mean()),
+            float(errors.mean()) / reference,
+            float(errors.max()),
+        ]
+        row += [100 * maps.consistency, 100 * consistency(truth, lf)]
+        if apart:
+            own = np.empty_like(truth)
+            for at in np.ndindex(9, 9):
+                own[at] = lfdepth.estimate(lfdepth.from_view(lf, at), check=False, equalise=False).disparity
+            row += [float(bad(own, truth).mean()), 100 * consistency(own, lf)]
+        rows.append(row)
+        print(*row, flush=True)
+    values = np.array([row[1:] for row in rows])
+    mean = values.mean(axis=0)
+    mean[2] = mean[1] / mean[0]
+    heads = ["scene", "reference view", "all views", "ratio", "worst view", "hold", "truth holds"]
+    heads += ["views apart", "apart hold"] if apart else []
+    print(Table.of(heads, [*rows, ["mean", *mean.tolist()]]).to_markdown())
+
+
+def peak() -> float:
+    """Largest memory of this process so far, GB."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+
+
+def in_process(task: Callable[..., Any], *words: Any) -> Any:
+    """What a function gives in a process of its own, whose memory is its own."""
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        return pool.apply(task, words)
+
+
+def _one(folder: Path) -> tuple[list[float], float]:
+    lf = lfdepth.read(folder)
+    return [lfdepth.estimate(lf, check=False).runtime for _ in range(3)][1:], peak()
+
+
+def _all(folder: Path) -> tuple[list[float], float, float, float]:
+    lf = lfdepth.read(folder)
+    before = [lfdepth.estimate(lf, check=False).runtime for _ in range(2)][1]
+    maps = lfdepth.estimate_views(lf, check=False)
+    after = lfdepth.estimate(lf, check=False).runtime
+    output = (maps.disparity.nbytes + maps.confidence.nbytes + maps.visible.nbytes) / 1e9
+    return [before, after, maps.runtime], peak(), output, maps.consistency
+
+
+def cost(folder: Path) -> None:
+    _, one_peak = in_process(_one, folder)
+    (before, after, runtime), all_peak, output, share = in_process(_all, folder)
+    one = (before + after) / 2
+    print(f"one map {one:.2f} s ({before:.2f} before, {after:.2f} after), {one_peak:.2f} GB in all")
+    print(f"all views {runtime:.1f} s, {runtime / one:.2f} times one map, {all_peak:.2f} GB in all, of which")
+    print(f"{output:.2f} GB are the maps; {100 * share:.2f} % of the pixels hold")
+
+
+def _batch(paths: list[str], out: Path, workers: int) -> float:
+    return lfdepth.estimate_many(paths, "fbs-vis", out, workers=workers, threads=1, effort="fast").seconds
+
+
+def tiles(names: list[str], size: int, tile: int, halos: list[int]) -> None:
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for name in names:
+            path = Path(name)
+            if not path.exists():
+                path = Path(folder) / f"{name}.npy"
+                lfdepth.write(path, scenes.render(name, size=size, views=9))
+            lf = lfdepth.read(path)
+            whole = lfdepth.estimate(lf, check=False).disparity
+            for halo in halos:
+                out = Path(folder) / "map.npy"
+                done = estimate_tiled(path, out, tile=tile, halo=halo)
+                apart = np.abs(lfdepth.io.read_disparity(out) - whole)
+                rows.append(
+                    (lf.name, done.tiles, halo, 100 * float(np.mean(apart > 0.02)), float(apart.max()))
+                )
+                print(*rows[-1], flush=True)
+    heads: list[str | Column] = [
+        "scene",
+        "tiles",
+        Column("halo", unit="px"),
+        Column("further than 0.02 px off", unit="%"),
+    ]
+    print(Table.of([*heads, Column("furthest", unit="px")], rows).to_markdown())
+
+
+def _made(path: Path, side: int, count: int) -> None:
+    """A field as large as memory allows to make, written as Zarr a view at a time: a scene beside itself."""
+    import zarr
+
+    piece = scenes.render("demo", size=512, views=count)
+    repeats = -(-side // 512)
+    array = zarr.create_array(
+        str(path),
+        shape=(count, count, side, side, 3),
+        chunks=(1, 1, 512, 512, 3),
+        dtype="uint8",
+        zarr_format=2,
+    )
+    for v, u in np.ndindex(count, count):
+        array[v, u] = np.tile(piece.views[v, u], (repeats, repeats, 1))[:side, :side]
+
+
+def _tiled(path: Path, out: Path, memory: float) -> tuple[float, float, int, int]:
+    done = estimate_tiled(path, out, memory=memory, range=(-1.4, 1.9), effort="fast")
+    return done.seconds, peak(), done.tiles, done.tile
+
+
+def size(sides: list[int], count: int, memory: float) -> None:
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for side in sides:
+            path = Path(folder) / f"{side}.zarr"
+            in_process(_made, path, side, count)
+            seconds, most, number, tile = in_process(_tiled, path, Path(folder) / "map.zarr", memory)
+            stored = count * count * side * side * 3 / 1e9
+            rows.append((side, stored, number, tile, seconds, 1e6 * seconds / side**2, most))
+            print(*rows[-1], flush=True)
+            shutil.rmtree(path)
+    heads: list[str | Column] = [
+        Column("side", unit="px"),
+        Column("views", unit="GB"),
+        "tiles",
+        Column("tile", unit="px"),
+    ]
+    heads += [Column("time", unit="s"), Column("a megapixel", unit="s"), Column("peak memory", unit="GB")]
+    print(Table.of(heads, rows).to_markdown())
+
+
+def batch(count: int, size: int) -> None:
+    """One process and two in turn, half of the scenes each time, so that a change of load meets both."""
+    with tempfile.TemporaryDirectory() as folder:
+        paths = []
+        for seed in range(count):
+            path = Path(folder) / f"s{seed:03d}.npz"
+            lfdepth.write(path, scenes.render("bars", size=size, views=9, seed=seed))
+            paths.append(str(path))
+        seconds = {1: 0.0, 2: 0.0}
+        half = count // 2
+        for part in (paths[:half], paths[half:]):
+            for workers in (1, 2):
+                out = Path(folder) / f"{workers}-{part[0][-7:-4]}"
+                # A process of its own, too: both start and load kernels.
+                seconds[workers] += (
+                    in_process(_batch, part, out, workers) if workers == 1 else _batch(part, out, 2)
+                )
+        rows = [(f"{n}", seconds[n], 3600 * count / seconds[n]) for n in (1, 2)]
+        print(Table.of(["processes", Column("time", unit="s"), "scenes in an hour"], rows).to_markdown())
+        print(f"{seconds[1] / seconds[2]:.2f} times as many")
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    commands = parser.add_subparsers(dest="command", required=True)
+    each = commands.add_parser("views")
+    each.add_argument("scenes", nargs="*", default=list(SCENES))
+    each.add_argument("--size", type=int, default=192)
+    each.add_argument("--apart", action="store_true")
+    each = commands.add_parser("cost")
+    each.add_argument("folder", type=Path)
+    each = commands.add_parser("batch")
+    each.add_argument("--scenes", type=int, default=40)
+    each.add_argument("--size", type=int, default=256)
+    each = commands.add_parser("tiles")
+    each.add_argument("scenes", nargs="+")
+    each.add_argument("--size", type=int, default=256)
+    each.add_argument("--tile", type=int, default=128)
+    each.add_argument("--halos", type=int, nargs="+", default=[16, 32, 48, 64])
+    each = commands.add_parser("size")
+    each.add_argument("--sides", type=int, nargs="+", default=[512, 1024, 2048])
+    each.add_argument("--views", type=int, default=5)
+    each.add_argument("--memory", type=float, default=0.8e9)
+    chosen = parser.parse_args()
+    if chosen.command == "views":
+        views(chosen.scenes, chosen.size, chosen.apart)
+    elif chosen.command == "cost":
+        cost(chosen.folder)
+    elif chosen.command == "tiles":
+        tiles(chosen.scenes, chosen.size, chosen.tile, chosen.halos)
+    elif chosen.command == "size":
+        size(chosen.sides, chosen.views, chosen.memory)
+    else:
+        batch(chosen.scenes, chosen.size)

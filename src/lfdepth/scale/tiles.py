@@ -1,0 +1,495 @@
+"""Fields whose views do not fit in memory: a map tile by tile.
+
+What a whole field decides (range, brightness, noise) is found once, on a shrunken copy and on a window, and
+handed to all tiles. A tile is estimated from the window of all views that has a say in it: its own pixels, as
+far around them as views shift and as the method's windows and paths reach (`halo`). Every tile is a file of
+its own until all are there, so that the work goes on where it stopped, and any number of workers can share
+it; then they are put together, one by one.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from math import ceil, prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lfdepth.blocks.noise import Residual, residual
+from lfdepth.engines import engine as start_engine
+from lfdepth.errors import LightFieldError
+from lfdepth.io import read
+from lfdepth.io.atomic import MANIFEST, atomic, atomic_folder, check_target, make_folder
+from lfdepth.io.extras import need, need_tifffile
+from lfdepth.io.zarr_store import writing
+from lfdepth.lightfield import LightField, check_range, grid_offsets
+from lfdepth.memory import size_text
+from lfdepth.methods import DEFAULT, Method, Problem, Work
+from lfdepth.methods import method as named_method
+from lfdepth.probe.brightness import Equalisation, equalise, measure_brightness
+from lfdepth.probe.ranges import find_range
+from lfdepth.scale import pools
+from lfdepth.scale.jobs import PROVENANCE, Job, at_hand, jobs_for
+from lfdepth.scale.look import Look, look
+from lfdepth.scale.work import Outcome, check_room, run_alone, this_worker
+from lfdepth.trace import Progress, Trace
+
+Window = tuple[int, int, int, int]
+"""(x, y, width, height), px."""
+
+HALO = 48
+"""Px around a tile, beside the shifts of the views: beyond it, paths and fits change next to nothing
+(docs/scale.md)."""
+ENDINGS = (".zarr", ".tif", ".tiff", ".npy")
+"""Formats that are written tile by tile."""
+_SHRUNK = 512  # px, the shorter side of what range and brightness are found on
+_SAMPLE = 512  # px, side of the window on which noise is measured
+_SMALLEST, _LARGEST, _MULTIPLE = 32, 4096, 32  # px, sides of tiles
+_PROCESS = 350_000_000  # bytes of an interpreter with its libraries and kernels
+_PROBE = "probe.npz"
+
+
+@dataclass(frozen=True)
+class TileJob(Job):
+    """One tile of a map.
+
+    Attributes
+    ----------
+    core
+        Its pixels, in the map.
+    window
+        The pixels of the views that it is estimated from, in the map.
+    origin
+        (x, y) of the map in the views as they are stored.
+    whole
+        (H, W) of the map.
+    """
+
+    core: Window = (0, 0, 0, 0)
+    window: Window = (0, 0, 0, 0)
+    origin: tuple[int, int] = (0, 0)
+    whole: tuple[int, int] = (0, 0)
+
+    @property
+    def name(self) -> str:
+        """By its place."""
+        return f"tile-y{self.core[1]:06d}-x{self.core[0]:06d}"
+
+    def provenance(self) -> dict[str, Any]:
+        """Beside what a scene has, its place."""
+        return super().provenance() | {"core": list(self.core), "window": list(self.window)}
+
+
+@dataclass(frozen=True)
+class Tiled:
+    """What was done.
+
+    Attributes
+    ----------
+    output
+        The map.
+    shape
+        (V, U, H, W, C) of the field.
+    range
+        (min, max) disparity that was searched, px per view step.
+    tile
+        Side of the tiles, px.
+    halo
+        Px around each that it was estimated from.
+    tiles, there
+        How many there are, and how many of them had been done before.
+    seconds
+        For all of it.
+    """
+
+    output: Path
+    shape: tuple[int, int, int, int, int]
+    range: tuple[float, float]
+    tile: int
+    halo: int
+    tiles: int
+    there: int
+    seconds: float
+
+
+def estimate_tiled(
+    scene: str | Path,
+    out: str | Path,
+    method: str | Method = DEFAULT,
+    *,
+    memory: float = 2e9,
+    tile: int | None = None,
+    halo: int = HALO,
+    client: Any = None,
+    scheduler: str | None = None,
+    workers: int | None = 1,
+    threads: int | None = None,
+    range: tuple[float, float] | None = None,
+    engine: str = "cpu",
+    equalise: bool = True,
+    reading: Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
+    **options: Any,
+) -> Tiled:
+    """Estimate the disparity map of a light field by tiles, so that its views need not fit in memory.
+
+    Parameters
+    ----------
+    scene
+        Path of the light field. Of Zarr, HDF5, NPY and TIFF that is not compressed, windows are read; of
+        other formats whole views, a few at a time.
+    out
+        Map to write: `.zarr` (disparity, confidence, sigma), `.tif` or `.npy` (disparity). Until it is whole,
+        its tiles are in `NAME.tiles` beside it; after a break the same call goes on with these.
+    method
+        Name of a method, or a `Method`.
+    memory
+        Bytes that a process may take.
+    tile
+        Side of the tiles, px; by default the largest that the memory allows.
+    halo
+        Px around a tile that it is estimated from, beside the shifts of the views.
+    client, scheduler, workers
+        Who does the tiles, as for `lfdepth.estimate_many`; by default this process.
+    threads, range, engine, equalise, progress, **options
+        As for `lfdepth.estimate`; progress counts tiles.
+    reading
+        How the scene is read: arguments of `lfdepth.read`.
+
+    Returns
+    -------
+    Tiled
+
+    Raises
+    ------
+    LightFieldError
+        If the map cannot be written, the memory does not suffice for the smallest tile, tiles of other
+        settings are there, or a tile fails; those that are finished stay.
+    """
+    started = time.perf_counter()
+    out = Path(out)
+    check_tiled_writable(out)
+    chosen = named_method(method, **options)
+    settings: dict[str, Any] = {"engine": engine, "equalise": equalise}
+    folder = out.with_name(f"{out.name}.tiles")
+    job = jobs_for([scene], folder, chosen, reading=reading or {}, settings=settings, threads=threads)[0]
+    seen = _seen(job)
+    given = range if range is not None else seen.range
+    make_folder(folder)
+    probe = _probe(job, seen, given and check_range(given), memory)
+    job = replace(job, settings=settings | {"range": list(probe.range)})
+    side = tile or _largest_tile(job, seen, probe, halo, memory)
+    tiles = _tiles(job, seen, probe, side, halo)
+    left = [each for each in tiles if not each.is_done()]
+    done = len(tiles) - len(left)
+    for outcome in pools.done_by(left, client, scheduler, workers, run_tile):
+        if outcome.status == "failed":
+            raise LightFieldError(outcome.message)
+        done += 1
+        if progress is not None:
+            progress(done, len(tiles), "tile")
+    _put_together(out, tiles, seen, probe, chosen)
+    shutil.rmtree(folder)
+    return Tiled(
+        output=out,
+        shape=seen.shape,
+        range=probe.range,
+        tile=side,
+        halo=halo,
+        tiles=len(tiles),
+        there=len(tiles) - len(left),
+        seconds=time.perf_counter() - started,
+    )
+
+
+def check_tiled_writable(out: Path) -> None:
+    """Raise LightFieldError, before long work, if no map can be written there tile by tile."""
+    ending = out.suffix.lower()
+    if ending not in ENDINGS:
+        raise LightFieldError(
+            f"{out}: cannot be written tile by tile; expected a name ending in {', '.join(ENDINGS)}; choose "
+            "one of these"
+        )
+    if ending == ".zarr":
+        need("zarr", "zarr", out)
+    if ending in (".tif", ".tiff"):
+        need_tifffile(out)
+    check_target(out, folder=ending == ".zarr")
+
+
+# --- what is found once
+
+
+@dataclass(frozen=True, eq=False)
+class _Probe:
+    """What all tiles are told: range, brightness, noise, and the value of white."""
+
+    range: tuple[float, float]
+    equalisation: Equalisation | None
+    noise: Residual
+    white: float | None
+
+
+def _seen(job: Job) -> Look:
+    """Shape, samples and range of a scene; LightFieldError for what tiles cannot do."""
+    if job.reading.get("scale", 1) != 1:
+        raise LightFieldError("scale: found with tiles; expected whole views; leave it out, or --memory")
+    with at_hand(job.scene) as path:
+        return look(path, job.reading)
+
+
+def _origin(job: Job) -> tuple[int, int]:
+    x, y = (job.reading.get("crop") or (0, 0))[:2]
+    return int(x), int(y)
+
+
+def _read_window(job: Job, window: Window, path: Path, white: float | None, scale: float = 1.0) -> LightField:
+    """A window of all views."""
+    x, y = _origin(job)
+    crop = (window[0] + x, window[1] + y, *window[2:])
+    return read(path, **{**job.reading, "crop": crop, "white_level": white, "scale": scale})
+
+
+def _probe(job: Job, seen: Look, given: tuple[float, float] | None, memory: float) -> _Probe:
+    """Range and brightness of the shrunken field, noise of a window in its middle; remembered in a file."""
+    file = Path(job.folder) / _PROBE
+    wanted = json.dumps(job.provenance() | {"range": given}, sort_keys=True, default=str)
+    if (found := _remembered(file, wanted)) is not None:
+        return found
+    with at_hand(job.scene) as path, start_engine(job.settings["engine"], threads=job.threads) as engine:
+        small, scale = _shrunken(job, seen, path, memory)
+        near = given and (given[0] * scale, given[1] * scale)
+        equal = measure_brightness(small, range=near, engine=engine) if job.settings["equalise"] else None
+        if given is None:
+            even = small if equal is None else equalise(small, equal)
+            low, high = find_range(even, engine=engine)
+            given = low / scale, high / scale
+        window = _middle(seen, _SAMPLE)
+        sample = _read_window(job, window, path, seen.white)
+        if equal is not None:
+            sample = equalise(sample, equal, part=_slices(window), size=seen.shape[2:4])
+        noise = residual(sample, job.chosen().planes_for(given), engine=engine)
+    probe = _Probe(given, equal, noise, seen.white)
+    _remember(file, probe, wanted)
+    return probe
+
+
+def _shrunken(job: Job, seen: Look, path: Path, memory: float) -> tuple[LightField, float]:
+    """The whole field at a size that a first look needs, put together from bands of rows; its scale."""
+    height, width = seen.shape[2:4]
+    factor = max(1, min(height, width) // _SHRUNK)
+    row_bytes = prod(seen.shape[:2]) * width * seen.shape[4] * (seen.itemsize + 4)
+    rows = max(int(memory / 4 / row_bytes) // factor * factor, factor)
+    bands = [
+        _read_window(
+            job, (0, y, width, min(rows, height // factor * factor - y)), path, seen.white, 1 / factor
+        )
+        for y in range(0, height // factor * factor, rows)
+    ]
+    views = np.concatenate([band.views for band in bands], axis=2)
+    return replace(bands[0], views=views, camera=None, truth=None, masks={}, disparity_range=None), 1 / factor
+
+
+def _middle(seen: Look, side: int) -> Window:
+    height, width = (min(side, size) for size in seen.shape[2:4])
+    return (seen.shape[3] - width) // 2, (seen.shape[2] - height) // 2, width, height
+
+
+def _remember(file: Path, probe: _Probe, made_of: str) -> None:
+    arrays = {} if probe.equalisation is None else vars(probe.equalisation)
+    with atomic(file) as temporary:
+        np.savez(
+            temporary,
+            allow_pickle=False,
+            made_of=np.asarray(made_of),
+            ends=np.asarray(probe.range),
+            noise=np.asarray(probe.noise),
+            white=np.asarray(np.nan if probe.white is None else probe.white),
+            **{f"equalisation_{key}": np.asarray(value) for key, value in arrays.items()},
+        )
+
+
+def _remembered(file: Path, made_of: str | None) -> _Probe | None:
+    """What was found before; None where nothing was, or of something else."""
+    if not file.exists():
+        return None
+    with np.load(file) as found:
+        if made_of is not None and str(found["made_of"]) != made_of:
+            raise LightFieldError(
+                f"{file.parent}: has tiles of other settings; expected the same; remove it, or choose "
+                "another name for the map"
+            )
+        prefix = "equalisation_"
+        parts = {key.removeprefix(prefix): found[key] for key in found.files if key.startswith(prefix)}
+        equal = None
+        if parts:
+            plain = {key: value.item() if value.ndim == 0 else value for key, value in parts.items()}
+            equal = Equalisation(**plain)
+        low, high = found["ends"].tolist()
+        white = float(found["white"])
+        return _Probe(
+            (low, high), equal, Residual(*found["noise"].tolist()), None if np.isnan(white) else white
+        )
+
+
+# --- tiles
+
+
+def _tiles(job: Job, seen: Look, probe: _Probe, side: int, halo: int) -> list[TileJob]:
+    """Tiles of a side, row by row."""
+    around = halo + _shift(seen, probe)
+    height, width = seen.shape[2:4]
+    return [
+        TileJob(
+            **{name: getattr(job, name) for name in Job.__dataclass_fields__},
+            core=(x, y, min(side, width - x), min(side, height - y)),
+            window=_window((x, y, side, side), around, (height, width)),
+            origin=_origin(job),
+            whole=(height, width),
+        )
+        for y in range(0, height, side)
+        for x in range(0, width, side)
+    ]
+
+
+def _window(core: Window, around: int, size: tuple[int, int]) -> Window:
+    """A tile with what is around it, as far as there is a picture."""
+    x, y, width, height = core
+    left, top = max(x - around, 0), max(y - around, 0)
+    right, bottom = min(x + width + around, size[1]), min(y + height + around, size[0])
+    return left, top, right - left, bottom - top
+
+
+def _shift(seen: Look, probe: _Probe) -> int:
+    """Px by which the outermost views are shifted at most."""
+    farthest = float(np.abs(grid_offsets((seen.shape[0], seen.shape[1]))).max()) + 0.5
+    return ceil(max(abs(end) for end in probe.range) * farthest)
+
+
+def _bytes(job: Job, seen: Look, probe: _Probe, side: int) -> int:
+    """Memory of a process that estimates a window of a side."""
+    height, width = (min(side, size) for size in seen.shape[2:4])
+    shape = (*seen.shape[:2], height, width, seen.shape[4])
+    uneven = probe.equalisation is not None and probe.equalisation.needed
+    itemsize = max(seen.itemsize, 2) if uneven else seen.itemsize
+    views = prod(shape) * (itemsize + (seen.itemsize if uneven else 0))
+    chosen = job.chosen()
+    return _PROCESS + views + chosen.memory(shape, chosen.planes_for(probe.range), itemsize)
+
+
+def _largest_tile(job: Job, seen: Look, probe: _Probe, halo: int, memory: float) -> int:
+    """Side of the largest tile that the memory allows."""
+    around = 2 * (halo + _shift(seen, probe))
+    needed = _bytes(job, seen, probe, _SMALLEST + around)
+    if needed > memory:
+        raise LightFieldError(
+            f"memory: {size_text(memory)} for {job.scene}; expected at least {size_text(needed)}, which the "
+            f"smallest tile of {_SMALLEST} px takes with what is around it; allow more, or use --views"
+        )
+    sides = np.arange(_SMALLEST, _LARGEST + 1, _MULTIPLE)
+    fits = [int(side) for side in sides if _bytes(job, seen, probe, int(side) + around) <= memory]
+    return fits[-1]
+
+
+def run_tile(job: Job) -> Outcome:
+    """Do a tile, unless it has been done."""
+    return run_alone(job, _done)
+
+
+def _done(job: Job) -> Outcome:
+    assert isinstance(job, TileJob)
+    started = time.perf_counter()
+    probe = _remembered(Path(job.folder) / _PROBE, None)
+    assert probe is not None  # or there would be no tiles
+    with at_hand(job.scene) as path:
+        lf = _read_window(job, job.window, path, probe.white)
+    if probe.equalisation is not None:
+        lf = equalise(lf, probe.equalisation, part=_slices(job.window), size=job.whole)
+    chosen = job.chosen()
+    chosen.check(lf.shape)
+    planes = chosen.planes_for(probe.range)
+    check_room(job, chosen.memory(lf.shape, planes, lf.views.itemsize))
+    with start_engine(job.settings["engine"], threads=job.threads) as engine:
+        maps = chosen.run(Problem(lf, probe.range, planes, probe.noise), Work(engine, Trace()))
+    x, y = job.core[0] - job.window[0], job.core[1] - job.window[1]
+    inner = slice(y, y + job.core[3]), slice(x, x + job.core[2])
+    arrays = {
+        "disparity": np.clip(maps.disparity[inner], *probe.range).astype(np.float32),
+        "confidence": maps.confidence[inner],
+    }
+    if maps.sigma is not None:
+        arrays["sigma"] = maps.sigma[inner]
+    made_of = np.asarray(json.dumps(job.provenance(), sort_keys=True, default=str))
+    with atomic(job.target) as temporary:
+        np.savez(temporary, allow_pickle=False, **arrays, **{PROVENANCE: made_of})
+    return Outcome(
+        job.scene,
+        str(job.target),
+        "done",
+        shape=lf.shape,
+        range=probe.range,
+        seconds=time.perf_counter() - started,
+        worker=this_worker(),
+    )
+
+
+def _slices(window: Window) -> tuple[slice, slice]:
+    x, y, width, height = window
+    return slice(y, y + height), slice(x, x + width)
+
+
+# --- the map
+
+
+def _put_together(out: Path, tiles: list[TileJob], seen: Look, probe: _Probe, method: Method) -> None:
+    """Write the map, tile by tile."""
+    size = (seen.shape[2], seen.shape[3])
+    if out.suffix.lower() == ".zarr":
+        _write_zarr(out, tiles, size, probe, method)
+        return
+    with atomic(out) as temporary:
+        if out.suffix.lower() == ".npy":
+            kept: Any = np.lib.format.open_memmap(temporary, "w+", np.float32, size)
+        else:
+            facts = json.dumps({"quantity": "disparity", "unit": "px per view step"})
+            options = {"description": facts, "metadata": None, "bigtiff": prod(size) > 1 << 29}
+            kept = need_tifffile(out).memmap(temporary, shape=size, dtype=np.float32, **options)
+        for job, found in _found(tiles):
+            kept[_slices(job.core)] = found["disparity"]
+        kept.flush()
+        del kept
+
+
+def _write_zarr(
+    out: Path, tiles: list[TileJob], size: tuple[int, int], probe: _Probe, method: Method
+) -> None:
+    """A group with chunks as large as tiles."""
+    zarr = need("zarr", "zarr", out)
+    side = tiles[0].core[2:][::-1]
+    with (
+        atomic_folder(out, manifest=f"disparity/{MANIFEST}") as temporary,
+        writing(zarr, temporary) as store,
+    ):
+        group = zarr.open_group(store, mode="w", zarr_format=2)
+        arrays: dict[str, Any] = {}
+        for job, found in _found(tiles):
+            for name in ("disparity", "confidence", "sigma"):
+                if name in found:
+                    if name not in arrays:
+                        arrays[name] = group.create_array(name, shape=size, chunks=side, dtype=np.float32)
+                    arrays[name][_slices(job.core)] = found[name]
+        parameters = json.dumps({"name": method.name, **method.parameters()})
+        group.attrs.update({"unit": "px per view step", "range": list(probe.range), "parameters": parameters})
+
+
+def _found(tiles: list[TileJob]) -> Iterator[tuple[TileJob, Mapping[str, NDArray[Any]]]]:
+    """Each tile and what was found there."""
+    for job in tiles:
+        with np.load(job.target) as found:
+            yield job, found

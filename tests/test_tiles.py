@@ -1,0 +1,186 @@
+"""Maps by tiles: what seams are left, what is read of a file, and going on after a break."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lfdepth
+from lfdepth import scenes
+from lfdepth.blocks.noise import Residual
+from lfdepth.cli import main
+from lfdepth.errors import LightFieldError
+from lfdepth.io import read_disparity
+from lfdepth.lightfield import LightField
+from lfdepth.probe.brightness import Equalisation, equalise
+from lfdepth.scale import tiles
+from lfdepth.scale.jobs import jobs_for
+from lfdepth.scale.look import look
+from lfdepth.scale.tiles import estimate_tiled
+
+COTTON = Path(__file__).parents[2] / "shared" / "data" / "hci4d" / "cotton"
+FAST: dict[str, Any] = {"threads": 1, "effort": "fast", "gloss": False}
+
+
+@cache
+def field() -> LightField:
+    return scenes.render("bars", size=(64, 150), views=3)
+
+
+@cache
+def whole() -> Any:
+    return lfdepth.estimate(field(), check=False, **FAST).disparity
+
+
+@pytest.fixture
+def saved(tmp_path: Path) -> Path:
+    path = tmp_path / "field.npy"
+    lfdepth.write(path, field())
+    return path
+
+
+@pytest.mark.parametrize("ending", [".npy", ".zarr", ".tif"])
+def test_tiles_make_the_whole_map(ending: str, saved: Path) -> None:
+    """Further than 0.02 px off on less than 0.1 % of the pixels; and the halo has to be there for that."""
+    out = saved.with_name(f"map{ending}")
+    done = estimate_tiled(saved, out, tile=64, **FAST)
+    assert (done.tiles, done.there) == (3, 0)
+    assert np.mean(np.abs(read_disparity(out) - whole()) > 0.02) < 0.001
+    assert not out.with_name(f"map{ending}.tiles").exists()
+
+
+def test_without_a_halo_seams_show(saved: Path) -> None:
+    out = saved.with_name("map.npy")
+    estimate_tiled(saved, out, tile=64, halo=0, **FAST)
+    assert np.mean(np.abs(read_disparity(out) - whole()) > 0.02) > 0.002
+
+
+@pytest.mark.slow
+def test_tiles_of_cotton_make_the_whole_map(tmp_path: Path) -> None:
+    if not COTTON.is_dir():
+        pytest.skip("needs ../shared/data/hci4d/cotton")
+    whole_map = lfdepth.estimate(lfdepth.read(COTTON), check=False).disparity
+    estimate_tiled(COTTON, tmp_path / "map.npy", tile=192)
+    assert np.mean(np.abs(read_disparity(tmp_path / "map.npy") - whole_map) > 0.02) < 0.001
+
+
+def test_a_break_costs_one_tile(saved: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second time, only what is missing is done; and the map is the same to the last byte."""
+    estimate_tiled(saved, saved.with_name("expected.npy"), tile=64, **FAST)
+    out = saved.with_name("map.npy")
+
+    def stop(done: int, total: int, what: str) -> None:
+        if done == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        estimate_tiled(saved, out, tile=64, progress=stop, **FAST)
+    assert not out.exists()
+    done = estimate_tiled(saved, out, tile=64, **FAST)
+    assert (done.tiles, done.there) == (3, 2)
+    assert out.read_bytes() == saved.with_name("expected.npy").read_bytes()
+
+
+def test_tiles_of_other_settings_are_refused(saved: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    out = saved.with_name("map.npy")
+
+    def stop(done: int, total: int, what: str) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        estimate_tiled(saved, out, tile=64, progress=stop, **FAST)
+    with pytest.raises(LightFieldError, match=r"map\.npy\.tiles: has tiles of other settings"):
+        estimate_tiled(saved, out, tile=64, **FAST, step=0.1)
+
+
+def test_tiles_are_as_large_as_the_memory_allows(saved: Path) -> None:
+    job = jobs_for([saved], saved.parent, lfdepth.method("fbs-vis"), reading={}, settings={}, threads=1)[0]
+    seen = replace(look(saved, {}), shape=(9, 9, 8192, 8192, 3))
+    probe = tiles._Probe((-2.0, 2.0), None, Residual(0, 0), None)
+    small, large = (tiles._largest_tile(job, seen, probe, 48, memory) for memory in (1e9, 4e9))
+    assert 1.6 < large / small < 4  # the halo takes its part of the smaller one
+    assert tiles._bytes(job, seen, probe, large + 2 * (48 + 9)) <= 4e9
+    with pytest.raises(LightFieldError, match=r"memory: 300 MB for .* expected at least .* smallest tile"):
+        tiles._largest_tile(job, seen, probe, 48, 3e8)
+
+
+@pytest.mark.parametrize("ending", [".npy", ".tif", ".zarr", ".h5"])
+def test_windows_are_read_without_the_rest(
+    ending: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of files that hold views as they are, no more rows are read than asked for."""
+    lf = LightField(np.random.default_rng(0).integers(0, 256, (3, 3, 64, 40, 3), np.uint8))
+    path = tmp_path / f"field{ending}"
+    lfdepth.write(path, lf)
+    counts: list[int] = []
+    fromfile = np.fromfile
+
+    def counted(*words: Any, **options: Any) -> Any:
+        found = fromfile(*words, **options)
+        counts.append(found.size)
+        return found
+
+    monkeypatch.setattr(np, "fromfile", counted)
+    part = lfdepth.read(path, crop=(5, 10, 20, 8), white_level=255)
+    np.testing.assert_array_equal(part.views, lf.views[:, :, 10:18, 5:25])
+    if ending in (".npy", ".tif"):
+        assert sum(counts) == (9 + 1) * 8 * 40 * 3  # the reference view twice, to see what it is
+
+
+def test_a_window_is_equalised_as_the_whole_is() -> None:
+    rng = np.random.default_rng(1)
+    lf = LightField(rng.integers(0, 256, (3, 3, 20, 30, 1), np.uint8))
+    found = Equalisation(
+        gain=rng.uniform(0.8, 1.2, (3, 3, 1)),
+        offset=rng.uniform(-0.05, 0.05, (3, 3, 1)),
+        shading=rng.uniform(-0.3, 0.1, (3, 3, 5)),
+        left_out=np.zeros((3, 3), np.bool_),
+        effect=np.ones((3, 3)),
+        samples=100,
+        needed=True,
+    )
+    part = slice(4, 15), slice(7, 30)
+    expected = equalise(lf, found).views[:, :, 4:15, 7:30]
+    window = lf.crop(7, 4, 23, 11)
+    np.testing.assert_array_equal(equalise(window, found, part=part, size=(20, 30)).views, expected)
+
+
+# The command line
+
+
+def test_tiles_from_the_command_line(saved: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = saved.with_name("map.npy")
+    words = ["estimate", str(saved), "-o", str(out), "--memory", "1GB", "--effort", "fast", "--json"]
+    assert main([*words, "--threads", "1"]) == 0
+    facts = json.loads(capsys.readouterr().out)
+    assert facts["shape"] == [3, 3, 64, 150, 3]
+    assert read_disparity(out).shape == (64, 150)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ["-o", "a.pfm", "--memory", "2GB"],
+            "a.pfm: cannot be written tile by tile; expected a name ending in",
+        ),
+        (["-o", "a.npy", "--memory", "much"], "expected a size such as 2GB or 500MB"),
+        (["-o", "a.npy", "--memory", "2GB", "--preview", "a.png"], "--preview: found with --memory"),
+        (["-o", "a.npy", "--memory", "2GB", "--all-views"], "--all-views: found with --memory"),
+        (["-o", "a.npy", "--memory", "2GB", "--scale", "0.5"], "scale: found with tiles"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_line(
+    words: list[str], message: str, saved: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any
+) -> None:
+    monkeypatch.chdir(saved.parent)
+    assert main(["estimate", str(saved), *words]) == 2
+    error = capsys.readouterr().err.splitlines()
+    assert len(error) == 1
+    assert message in error[0]
