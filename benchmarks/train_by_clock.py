@@ -280,6 +280,7 @@ def ship(chosen: argparse.Namespace) -> None:
         "steps": int(last["step"]),
         "scenes": int(last["scenes"]),
         "validation": {key: float(last[key]) for key in ("bad007", "bad003", "bad001", "mae")},
+        "scores": chosen.scores.split("; "),
         "data": "procedural scenes of lfdepth.scenes.chance, series 0, nothing of the benchmark",
         "sha256": hashlib.sha256(packed(halved)).hexdigest(),
     }
@@ -316,6 +317,7 @@ def main() -> None:
     three.add_argument("out", type=Path)
     three.add_argument("name")
     three.add_argument("how", help="commands, machine, seed and commit, in a sentence or two")
+    three.add_argument("--scores", default="", help='what benchmarks/accuracy.py found, divided by "; "')
     three.set_defaults(run=ship)
     chosen = parser.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "2")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import pickle
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +14,7 @@ from scipy.signal import correlate
 
 import lfdepth
 from lfdepth import LightField, LightFieldError
+from lfdepth.cli import main
 from lfdepth.engines.cpu.kernels import scenes as kernels
 from lfdepth.learned.epinet_onnx import epinet_onnx
 from lfdepth.learned.forward import Forward
@@ -249,6 +252,29 @@ def test_an_onnx_file_of_another_net(tmp_path: Path) -> None:
     for name, words in {"other": "this is no epinet", "none": "cannot be used"}.items():
         with pytest.raises(LightFieldError, match=words):
             lfdepth.method("epinet", weights=str(tmp_path / f"{name}.onnx")).check((9, 9, 64, 64, 3))
+
+
+def test_the_weights_that_ship_are_small_and_say_how_they_were_made() -> None:
+    for name in ("epinet-s",):
+        path = shipped(name)
+        assert path is not None
+        assert path.stat().st_size <= 2_000_000
+        facts = json.loads(path.with_suffix(".json").read_text())
+        assert facts["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+        assert {"how", "steps", "scenes", "data", "scores", "validation"} <= facts.keys()
+
+
+def test_the_commands_for_weights(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["weights", "export", "epinet-s", "-o", str(tmp_path / "a.onnx")]) == 0
+    path = shipped("epinet-s")
+    assert path is not None
+    assert (tmp_path / "a.onnx").read_bytes() == epinet_onnx(EPINETS["epinet-s"], read_arrays(path))
+    assert main(["weights", "import", "epinet", str(tmp_path / "no.h5"), "-o", str(tmp_path / "b.npz")]) == 2
+    assert main(["weights", "export", "spo", "-o", str(tmp_path / "b.onnx")]) == 2
+    errors = capsys.readouterr().err.splitlines()
+    assert len(errors) == 2
+    assert "no such file" in errors[0]
+    assert "found 'spo', expected one of epinet, epinet-s" in errors[1]
 
 
 def test_lfattnet_in_tiles_without_torch(tmp_path: Path) -> None:
