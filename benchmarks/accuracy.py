@@ -14,11 +14,12 @@ import argparse
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import lfdepth
 from lfdepth import LightField, scenes
 from lfdepth.bench.published import published_rows
-from lfdepth.methods import FAMILY, NAMES
+from lfdepth.methods import FAMILY, LEARNED, NAMES
 from reporting import Cell, machine_line, markdown, write_json
 
 METRICS = {
@@ -51,7 +52,8 @@ def score(lf: LightField, names: Sequence[str]) -> dict[str, Scores]:
     side = min(64, lf.width, lf.height)
     found: dict[str, Scores] = {}
     for name in names:
-        lfdepth.estimate(lf.crop(0, 0, side, side), method=name, planes=12)
+        few: dict[str, Any] = {"planes": 12} if lfdepth.method(name).has_planes else {}
+        lfdepth.estimate(lf.crop(0, 0, side, side), method=name, **few)
         found[name] = lfdepth.evaluate(lfdepth.estimate(lf, method=name), lf).scores
     return found
 
@@ -90,7 +92,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, help="folder with scenes of the benchmark")
     parser.add_argument("--scenes", nargs="*", default=list(scenes.NAMES), choices=scenes.NAMES)
     parser.add_argument("--size", type=int, default=320, help="of the procedural scenes")
-    parser.add_argument("--methods", nargs="+", default=list(FAMILY), choices=[*NAMES, "all"])
+    parser.add_argument("--methods", nargs="+", default=list(FAMILY), choices=[*NAMES, *LEARNED, "all"])
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
     if "all" in chosen.methods:

@@ -1,7 +1,8 @@
 """Train EPINETs within a given time: scenes are rendered by other processes, as many as there is time for.
 
     python benchmarks/train_by_clock.py render FOLDER --worker 0 --workers 8 --until EPOCH
-    python benchmarks/train_by_clock.py train FOLDER OUT --nets epinet-s:32:2 epinet:16:1 --until EPOCH
+    python benchmarks/train_by_clock.py train FOLDER OUT --nets epinet-s:32:1 --until EPOCH
+    python benchmarks/train_by_clock.py ship OUT epinet-s "how it was made"
 
 EPOCH is the second since 1970 at which to stop. A net is given as NAME:BATCH:STEPS, with
 STEPS steps in each round.
@@ -12,6 +13,8 @@ from __future__ import annotations
 
 import argparse
 import csv
+import hashlib
+import json
 import math
 import os
 import threading
@@ -263,6 +266,29 @@ def train(chosen: argparse.Namespace) -> None:
     done.set()
 
 
+def ship(chosen: argparse.Namespace) -> None:
+    """Put weights into the package, convolutions in half precision, with what is known of them."""
+    from lfdepth.learned.weights import SHIPPED, read_arrays
+    from lfdepth.training.packing import packed
+
+    arrays = read_arrays(chosen.out / f"{chosen.name}.npz")
+    halved = {k: v.astype(np.float32 if ".norm." in k else np.float16) for k, v in arrays.items()}
+    with (chosen.out / "curves.csv").open() as file:
+        last = [row for row in csv.DictReader(file) if row["net"] == chosen.name][-1]
+    facts = {
+        "how": chosen.how,
+        "steps": int(last["step"]),
+        "scenes": int(last["scenes"]),
+        "validation": {key: float(last[key]) for key in ("bad007", "bad003", "bad001", "mae")},
+        "scores": chosen.scores.split("; "),
+        "data": "procedural scenes of lfdepth.scenes.chance, series 0, nothing of the benchmark",
+        "sha256": hashlib.sha256(packed(halved)).hexdigest(),
+    }
+    SHIPPED.mkdir(exist_ok=True)
+    (SHIPPED / f"{chosen.name}.npz").write_bytes(packed(halved))
+    (SHIPPED / f"{chosen.name}.json").write_text(json.dumps(facts, indent=1) + "\n")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     which = parser.add_subparsers(required=True)
@@ -287,6 +313,12 @@ def main() -> None:
     two.add_argument("--usual", type=float, default=2.2, help="scenes whose |D| stays below come three times")
     two.add_argument("--graph", action="store_true", help="record a step as a CUDA graph")
     two.set_defaults(run=train)
+    three = which.add_parser("ship")
+    three.add_argument("out", type=Path)
+    three.add_argument("name")
+    three.add_argument("how", help="commands, machine, seed and commit, in a sentence or two")
+    three.add_argument("--scores", default="", help='what benchmarks/accuracy.py found, divided by "; "')
+    three.set_defaults(run=ship)
     chosen = parser.parse_args()
     os.environ.setdefault("OMP_NUM_THREADS", "2")
     chosen.run(chosen)

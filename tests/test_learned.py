@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import pickle
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +14,8 @@ from scipy.signal import correlate
 
 import lfdepth
 from lfdepth import LightField, LightFieldError
+from lfdepth.cli import main
+from lfdepth.engines.cpu.kernels import scenes as kernels
 from lfdepth.learned.epinet_onnx import epinet_onnx
 from lfdepth.learned.forward import Forward
 from lfdepth.learned.lfattnet import lfattnet_arrays
@@ -19,7 +23,9 @@ from lfdepth.learned.running import TURNS, grey_views, lfattnet_of, predict, pre
 from lfdepth.learned.shape import EPINETS, EPSILON, EpinetShape, Weights
 from lfdepth.learned.stacks import stacks
 from lfdepth.learned.weights import read_arrays, shipped
+from lfdepth.scenes import textures
 from lfdepth.scenes.chance import cross, render, whole
+from lfdepth.scenes.model import Layer, Paint, Plane, Scene, pack
 from lfdepth.training.packing import packed
 from lfdepth.training.weights import export_weights, import_weights
 
@@ -248,6 +254,29 @@ def test_an_onnx_file_of_another_net(tmp_path: Path) -> None:
             lfdepth.method("epinet", weights=str(tmp_path / f"{name}.onnx")).check((9, 9, 64, 64, 3))
 
 
+def test_the_weights_that_ship_are_small_and_say_how_they_were_made() -> None:
+    for name in ("epinet-s",):
+        path = shipped(name)
+        assert path is not None
+        assert path.stat().st_size <= 2_000_000
+        facts = json.loads(path.with_suffix(".json").read_text())
+        assert facts["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+        assert {"how", "steps", "scenes", "data", "scores", "validation"} <= facts.keys()
+
+
+def test_the_commands_for_weights(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["weights", "export", "epinet-s", "-o", str(tmp_path / "a.onnx")]) == 0
+    path = shipped("epinet-s")
+    assert path is not None
+    assert (tmp_path / "a.onnx").read_bytes() == epinet_onnx(EPINETS["epinet-s"], read_arrays(path))
+    assert main(["weights", "import", "epinet", str(tmp_path / "no.h5"), "-o", str(tmp_path / "b.npz")]) == 2
+    assert main(["weights", "export", "spo", "-o", str(tmp_path / "b.onnx")]) == 2
+    errors = capsys.readouterr().err.splitlines()
+    assert len(errors) == 2
+    assert "no such file" in errors[0]
+    assert "found 'spo', expected one of epinet, epinet-s" in errors[1]
+
+
 def test_lfattnet_in_tiles_without_torch(tmp_path: Path) -> None:
     """Weights that leave the volume's score alone give a softmax of zeros: the mean of the planes, 0."""
     pytest.importorskip("onnxruntime", reason="needs the extra onnx")
@@ -299,3 +328,20 @@ def test_chance_scenes_truth_is_where_views_show_the_surface() -> None:
                 x = np.clip(np.rint(columns - sign * sample.truth * u).astype(int), 0, 63)
                 errors.append(float(np.median(np.abs(view[y, x] - reference))))
     assert np.mean(right) < 0.5 * np.mean(wrong)
+
+
+@pytest.mark.parametrize("disparity", [-1.6, 0.4, 1.4])
+def test_the_weights_that_ship_know_a_plane(disparity: float) -> None:
+    """A plane at D, and one a whole pixel nearer, which is the same with views moved by a pixel a step."""
+    texture = textures.natural(
+        np.random.default_rng(5), 128, [(150, 105, 80), (92, 110, 66), (172, 152, 118)], contrast=20
+    )
+    packed_scene = pack(Scene([Layer(Plane(disparity), Paint(texture, (3, 4, 1, 0.5)))]))
+    views = [
+        kernels.render_view(packed_scene, float(u), float(v), 40, 40, 2).round().astype(np.uint8)
+        for v, u in whole(9)
+    ]
+    lf = LightField(np.stack(views).reshape(9, 9, 40, 40, 3), disparity_range=(-4, 4))
+    for turns in (1, 2):
+        found = lfdepth.estimate(lf, "epinet-s", turns=turns, check=False).disparity[11:-11, 11:-11]
+        assert np.abs(found - disparity).mean() < 0.05

@@ -41,6 +41,7 @@ def few_compared(monkeypatch: pytest.MonkeyPatch) -> None:
     """One or two of the methods that the paper compares with, since all of them take long."""
     monkeypatch.setattr(reproduce, "TABLE1", ("ofsy", "oavc"))
     monkeypatch.setattr(reproduce, "FIGURE6", ("oavc",))
+    monkeypatch.setattr(reproduce, "LEARNED", ())  # it takes 9x9 views alone
     monkeypatch.setattr(reproduce, "FIGURE8", ("oavc",))
 
 

@@ -305,8 +305,9 @@ def _usual() -> tuple[str, ...]:
 
 
 def _named(methods: Sequence[str]) -> tuple[str, ...]:
-    """Methods as they are named, all of them for "all"."""
-    return tuple(chain.from_iterable(known_methods.names() if each == "all" else (each,) for each in methods))
+    """Methods as they are named, all that need no weights of one's own for "all"."""
+    every = tuple(each for each in known_methods.names() if each not in known_methods.WITHOUT_WEIGHTS)
+    return tuple(chain.from_iterable(every if each == "all" else (each,) for each in methods))
 
 
 def _duration(seconds: float) -> str:

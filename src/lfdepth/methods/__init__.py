@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from lfdepth.methods.own import COMPARED, DEFAULT, FAMILY, LEARNED, NAMES, PRESETS
+from lfdepth.methods.own import COMPARED, DEFAULT, FAMILY, LEARNED, NAMES, PRESETS, WITHOUT_WEIGHTS
 
 if TYPE_CHECKING:
     from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
@@ -26,6 +26,7 @@ __all__ = [
     "LEARNED",
     "NAMES",
     "PRESETS",
+    "WITHOUT_WEIGHTS",
     "Maps",
     "Method",
     "MethodInfo",

@@ -46,7 +46,7 @@ class Epinet(Method):
     tile: Annotated[
         int,
         Whole("Side of the tiles that are computed at a time.", ge=16, le=2048, unit="px"),
-    ] = 128
+    ] = 256
 
     @property
     def sizes(self) -> EpinetShape:

@@ -44,6 +44,9 @@ NAMES: tuple[str, ...] = (*FAMILY, *COMPARED)
 LEARNED: tuple[str, ...] = tuple(_LEARNED)
 """Names of the learned systems."""
 
+WITHOUT_WEIGHTS: tuple[str, ...] = ("epinet", "lfattnet")
+"""Those whose weights do not come along."""
+
 PRESETS: dict[str, dict[str, Any]] = {
     "paper-synthetic": {"step": 0.02, "skip": 7},
     "paper-real": {"step": 0.05, "skip": 5},

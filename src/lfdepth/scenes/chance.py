@@ -111,7 +111,7 @@ def render(number: int, size: int, positions: Sequence[Position], samples: int =
     for picture, (v, u) in zip(views, positions, strict=True):
         light = kernels.render_view(packed, float(u), float(v), size, size, samples)
         picture[:] = np.rint(np.clip(light, 0, 255))
-    truth, _ = kernels.trace(packed, np.arange(size, dtype=np.float64), size, 0.0, 1.0)
+    truth, _ = kernels.trace(packed, 0.0, 0.0, np.arange(size, dtype=np.float64), size, 0.0, 1.0)
     return Sample(views, truth)
 
 
