@@ -19,7 +19,7 @@
 
   // A chart of profiles: series {values, class, dashes}, with lines at the chosen disparity and the truth.
   function chart(evidence, series, ends, label) {
-    const width = 330, height = 120, left = 30, bottom = 18, top = 6, right = 6;
+    const width = 330, height = 120, left = 38, bottom = 18, top = 6, right = 6;
     const { planes } = evidence, low = Math.min(...planes), high = Math.max(...planes);
     const x = (d) => left + (d - low) / (high - low) * (width - left - right);
     const y = (v) => top + (ends[1] - v) / (ends[1] - ends[0]) * (height - top - bottom);
