@@ -148,7 +148,7 @@ class ViewMaps:
     --------
     >>> import lfdepth
     >>> from lfdepth import scenes
-    >>> maps = lfdepth.estimate_views(scenes.render("bars", size=64, views=3), effort="fast")
+    >>> maps = lfdepth.estimate_views(scenes.render("bars", size=64, views=3), "fbs-sfa", planes=10)
     >>> maps.disparity.shape, maps.disparity.dtype
     ((3, 3, 64, 64), dtype('float32'))
     """

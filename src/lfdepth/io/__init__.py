@@ -252,8 +252,8 @@ def write(
     >>> from lfdepth import scenes
     >>> folder = tempfile.mkdtemp()
     >>> lf = scenes.render("bars", size=64, views=5)
-    >>> result = lfdepth.estimate(lf, effort="fast")
-    >>> lfdepth.write(f"{folder}/map.npz", result)  # disparity, confidence, sigma, parameters
+    >>> result = lfdepth.estimate(lf, "fbs-sfa")
+    >>> lfdepth.write(f"{folder}/map.npz", result)  # disparity, confidence, range, parameters
     >>> lfdepth.write(f"{folder}/depth.npy", result, scene=lf, quantity="depth")  # metres
     >>> lfdepth.write(f"{folder}/views", lf)  # a folder of views
     """

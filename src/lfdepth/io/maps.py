@@ -173,7 +173,7 @@ def read_confidence(path: str | Path) -> npt.NDArray[np.float32] | None:
     >>> import lfdepth
     >>> from lfdepth import scenes
     >>> file = tempfile.mkdtemp() + "/map.npz"
-    >>> lfdepth.write(file, lfdepth.estimate(scenes.render("bars", size=64, views=5), effort="fast"))
+    >>> lfdepth.write(file, lfdepth.estimate(scenes.render("bars", size=64, views=5), "fbs-sfa"))
     >>> lfdepth.read_confidence(file).shape
     (64, 64)
     """

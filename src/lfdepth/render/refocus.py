@@ -121,7 +121,7 @@ def all_in_focus(
     >>> import lfdepth
     >>> from lfdepth import scenes
     >>> lf = scenes.render("bars", size=64, views=5)
-    >>> lfdepth.all_in_focus(lf, lfdepth.estimate(lf, effort="fast")).shape
+    >>> lfdepth.all_in_focus(lf, lf.truth).shape
     (64, 64, 3)
     """
     surface = _checked_map(disparity_map, lf)

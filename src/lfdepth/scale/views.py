@@ -86,7 +86,7 @@ def estimate_views(
     --------
     >>> import lfdepth
     >>> from lfdepth import scenes
-    >>> maps = lfdepth.estimate_views(scenes.render("bars", size=64, views=3), effort="fast")
+    >>> maps = lfdepth.estimate_views(scenes.render("bars", size=64, views=3), "fbs-sfa", planes=10)
     >>> maps.disparity.shape
     (3, 3, 64, 64)
     """
