@@ -43,7 +43,7 @@ sphinx_gallery_conf = {
     "filename_pattern": r"/\d\d_",
     "within_subsection_order": "FileNameSortKey",
     "image_scrapers": ("matplotlib", "scrapers.animations"),
-    "plot_gallery": True,
+    "plot_gallery": os.environ.get("DOCS_GALLERY", "1") != "0",  # 0: do not run the scripts
     "abort_on_example_error": True,
     "download_all_examples": False,
     "show_memory": False,
