@@ -12,7 +12,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg.blas import sgemm
 
 from lfdepth.learned.shape import EPSILON, EpinetShape, Weights
 
@@ -85,6 +84,8 @@ class Forward:
 
     def _layer(self, name: str, rows: Float, width: int) -> Float:
         """A convolution of (N, in) rows to (N - width - 1, out)."""
+        from scipy.linalg.blas import sgemm  # here, since listing the methods needs no SciPy
+
         weights, bias = self._layers[name]
         count = len(rows) - width - 1
         out: Any = np.empty((count, len(bias)), np.float32)
