@@ -42,7 +42,7 @@ class Epinet(Method):
     turns: Annotated[
         int,
         Whole("Take the mean over so many ways of turning and mirroring the views.", ge=1, le=8),
-    ] = 1
+    ] = 4
     tile: Annotated[
         int,
         Whole("Side of the tiles that are computed at a time.", ge=16, le=2048, unit="px"),
