@@ -165,6 +165,7 @@ class FbsVis(Method):
             noise=problem.noise,
             engine=work.engine,
             trace=work.trace,
+            noise=problem.noise,
         )
 
     @property
