@@ -162,7 +162,6 @@ class FbsVis(Method):
             smoothing,
             self.joint_rule,
             stride=stride,
-            noise=problem.noise,
             engine=work.engine,
             trace=work.trace,
             noise=problem.noise,
