@@ -162,9 +162,9 @@ class FbsVis(Method):
             smoothing,
             self.joint_rule,
             stride=stride,
-            noise=problem.noise,
             engine=work.engine,
             trace=work.trace,
+            noise=problem.noise,
         )
 
     @property

@@ -104,8 +104,9 @@ def estimate_views(
         lf = equalise_views(lf, first.equalisation)
     anchors = [_Anchor.of(lf, lf.centre, first)]
     settings |= {"range": first.range, "equalise": False, "check": False}
+    quick = _quick(chosen)
     for place in places:
-        anchors.append(_Anchor.of(lf, place, estimate(from_view(lf, place), chosen, **settings)))
+        anchors.append(_Anchor.of(lf, place, estimate(from_view(lf, place), quick, **settings)))
         steps.done("outermost views")
     with start_engine(engine, threads=threads) as used:
         maps = _Maps(lf, first.range, used, steps)
@@ -149,6 +150,12 @@ def consistency(disparity: NDArray[np.float32], lf: LightField, *, threads: int 
             _, agreeing, against = _held(used, lf, maps, int(index))
             counts.add(agreeing, against)
     return counts.share
+
+
+def _quick(method: Method) -> Method:
+    """The method with the least effort, where it has a choice: the outermost views only fill in."""
+    parameters = method.parameters()
+    return type(method)(**parameters | {"effort": "fast"}) if "effort" in parameters else method
 
 
 @dataclass
