@@ -2,7 +2,8 @@
 
     python benchmarks/accuracy.py [--data FOLDER] [--scenes demo bars ...] [--size 320] [--methods NAMES]
 
-NAMES of methods, or all; by default lfdepth's own without those that they are compared with.
+NAMES of methods, with parameters as in epinet-s:turns=8, or all; by default lfdepth's own without those
+that they are compared with.
 FOLDER holds scenes of the 4D Light Field Benchmark, one folder each, with low-resolution truth. The published
 rows beside them are those of `lfdepth.bench.published`; those marked ^high were taken on high-resolution
 truth, and compare only roughly.
@@ -14,12 +15,12 @@ import argparse
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import lfdepth
 from lfdepth import LightField, scenes
+from lfdepth.bench.plan import setting
 from lfdepth.bench.published import published_rows
-from lfdepth.methods import FAMILY, LEARNED, NAMES
+from lfdepth.methods import FAMILY, NAMES
 from reporting import Cell, machine_line, markdown, write_json
 
 METRICS = {
@@ -52,9 +53,9 @@ def score(lf: LightField, names: Sequence[str]) -> dict[str, Scores]:
     side = min(64, lf.width, lf.height)
     found: dict[str, Scores] = {}
     for name in names:
-        few: dict[str, Any] = {"planes": 12} if lfdepth.method(name).has_planes else {}
-        lfdepth.estimate(lf.crop(0, 0, side, side), method=name, **few)
-        found[name] = lfdepth.evaluate(lfdepth.estimate(lf, method=name), lf).scores
+        method = setting(name).resolve()
+        lfdepth.estimate(lf.crop(0, 0, side, side), method)
+        found[name] = lfdepth.evaluate(lfdepth.estimate(lf, method), lf).scores
     return found
 
 
@@ -92,7 +93,7 @@ def main() -> None:
     parser.add_argument("--data", type=Path, help="folder with scenes of the benchmark")
     parser.add_argument("--scenes", nargs="*", default=list(scenes.NAMES), choices=scenes.NAMES)
     parser.add_argument("--size", type=int, default=320, help="of the procedural scenes")
-    parser.add_argument("--methods", nargs="+", default=list(FAMILY), choices=[*NAMES, *LEARNED, "all"])
+    parser.add_argument("--methods", nargs="+", default=list(FAMILY))
     parser.add_argument("--json", type=Path)
     chosen = parser.parse_args()
     if "all" in chosen.methods:
