@@ -27,8 +27,8 @@ from lfdepth.scale import pools, work
 from lfdepth.scale.batch import estimate_many, expect
 from lfdepth.scale.jobs import Job
 
-METHOD = "fbs-vis"
-FAST: dict[str, Any] = {"effort": "fast", "gloss": False}
+METHOD = "fbs-sfa"
+FAST: dict[str, Any] = {"step": 0.14}
 COUNT = 5
 
 
@@ -55,6 +55,7 @@ def same_maps(one: Path, other: Path) -> bool:
     found, expected = (
         {file.name: file.read_bytes() for file in folder.glob("*.npz")} for folder in (one, other)
     )
+    assert sorted(found) == sorted(expected)
     return len(found) == COUNT and found == expected
 
 
@@ -116,9 +117,9 @@ def test_names_follow_from_paths() -> None:
 def test_other_settings_are_refused(fields: list[str], serial: tuple[Path, batches.Batch]) -> None:
     out, _ = serial
     with pytest.raises(
-        LightFieldError, match=r"exists, made with other settings \(step 0.07 instead of 0.1\)"
+        LightFieldError, match=r"exists, made with other settings \(step 0.14 instead of 0.1\)"
     ):
-        estimate_many(fields, METHOD, out, workers=1, step=0.1, **FAST)
+        estimate_many(fields, METHOD, out, workers=1, step=0.1)
 
 
 def test_strangers_files_are_left_alone(fields: list[str], tmp_path: Path) -> None:
@@ -191,7 +192,7 @@ def test_a_batch_from_the_command_line(
     fields: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    words = ["batch", fields[0], fields[-1], "-o", str(out), "--method", "fbs-vis:effort=fast,gloss=no"]
+    words = ["batch", fields[0], fields[-1], "-o", str(out), "--method", "fbs-sfa:step=0.2"]
     assert main([*words, "--workers", "1", "--json"]) == 1
     captured = capsys.readouterr()
     facts = json.loads(captured.out)
@@ -269,8 +270,8 @@ def test_processes_that_are_killed_cost_nothing(
 FULL = """
 import resource, sys
 import lfdepth
-resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))  # maps take more, and all else less
-done = lfdepth.estimate_many(sys.argv[2:], "fbs-vis", sys.argv[1], workers=1, effort="fast", gloss=False)
+resource.setrlimit(resource.RLIMIT_FSIZE, (5_000, 5_000))  # maps take more, and all else less
+done = lfdepth.estimate_many(sys.argv[2:], "fbs-sfa", sys.argv[1], workers=1, step=0.14)
 assert len(done.failures) == 1, done
 assert "cannot be written" in done.failures[0].message, done.failures[0].message
 """

@@ -32,6 +32,7 @@ def measured(script: str, folder: Path, *arguments: str) -> tuple[str, dict[str,
     return text, found
 
 
+@pytest.mark.slow
 def test_ablation(tmp_path: Path) -> None:
     options = ["--size", "48", "--scenes", "demo", "--variants", "fbs-vis", "no photo votes"]
     text, found = measured("ablation", tmp_path, *options)

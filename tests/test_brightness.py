@@ -129,6 +129,7 @@ def test_without_it_the_map_is_lost(leaves: LightField) -> None:
     assert bad_pixels(spoil(leaves, Imperfections(gain=0.1)), "fbs-vis", equalise=False) > 30
 
 
+@pytest.mark.thin(2)
 @pytest.mark.parametrize("name", ["leaves", "range-4", "fence", "noise-2"])
 def test_the_range_is_found(name: str) -> None:
     lf = scenes.render(name, size=128, views=9, seed=3, samples=2)

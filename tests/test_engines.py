@@ -937,6 +937,7 @@ def test_methods_give_one_map_on_all_engines(engine: str, name: str, of: str) ->
     assert max(shares_apart(engine, method, of, **options)) <= 0.001
 
 
+@pytest.mark.thin(2)
 @pytest.mark.parametrize("of", ["gloss", "layers"])
 @pytest.mark.parametrize("engine", OTHERS)
 def test_the_default_method_gives_about_one_map(engine: str, of: str) -> None:

@@ -78,6 +78,7 @@ def test_high_passed_views_agree_with_the_oracle(dtype: str, channels: int, disp
             )
 
 
+@pytest.mark.thin(3)
 @pytest.mark.parametrize(
     ("grid", "dtype"), [((3, 3), "uint8"), ((5, 5), "uint16"), ((4, 6), "float32"), ((9, 3), "uint8")]
 )
@@ -231,6 +232,7 @@ def test_other_scenes_do_not_change() -> None:
     np.testing.assert_array_equal(with_it.confidence, without.confidence)
 
 
+@pytest.mark.thin(2)
 @pytest.mark.parametrize("dtype", ["uint16", "float32"])
 def test_sample_types_give_about_the_same(dtype: str) -> None:
     lf = small("gloss")
@@ -258,6 +260,7 @@ def test_absent_views_have_no_say() -> None:
     )
 
 
+@pytest.mark.thin(3)
 @pytest.mark.parametrize("grid", [(5, 5), (9, 5), (4, 8)])
 def test_grids_of_other_shapes_gain_too(grid: tuple[int, int]) -> None:
     lf = scene("gloss")

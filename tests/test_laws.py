@@ -266,6 +266,7 @@ def assert_almost_everywhere(found: Array, expected: Array, tolerance: float = 0
     assert np.mean(np.abs(found - expected) > tolerance) < SHARE
 
 
+@pytest.mark.thin(3)
 @pytest.mark.parametrize("name", FAMILY)
 @pytest.mark.parametrize("law", SYMMETRIES)
 @given(seed=seeds, height=st.integers(30, 60), width=st.integers(30, 60))
@@ -279,6 +280,7 @@ def test_estimates_commute_with_symmetries(name: str, law: str, seed: int, heigh
     assert_almost_everywhere(found.confidence, move(expected.confidence))
 
 
+@pytest.mark.thin(3)
 @pytest.mark.parametrize("name", FAMILY)
 @given(seed=seeds, pixels=st.sampled_from([-2, -1, 1, 2]))
 @estimate_law

@@ -61,6 +61,7 @@ def test_all_eight_orders_of_real_scenes(name: str, data_folder: Path) -> None:
     assert [found(disordered(lf, mends)) for mends in EIGHT] == EIGHT
 
 
+@pytest.mark.slow
 def test_all_eight_orders_of_a_lytro_picture(data_folder: Path) -> None:
     lf = read(data_folder / "lytro_bikes_crop_eslf.png")
     assert [found(disordered(lf, mends)) for mends in EIGHT] == EIGHT

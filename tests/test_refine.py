@@ -196,6 +196,7 @@ def test_no_part_of_a_slanted_wall_is_biased() -> None:
 # What it gains
 
 
+@pytest.mark.thin(2)
 @pytest.mark.parametrize(("name", "fine", "finest"), [("demo", 0.5, 0.8), ("noise-1", 0.75, 0.55)])
 def test_maps_become_more_precise(name: str, fine: float, finest: float) -> None:
     """Shares of pixels off by more than 0.03 and 0.01 px fall; those off by more than 0.07 px do not grow."""
@@ -221,6 +222,7 @@ def test_a_second_round_refines_further() -> None:
     assert np.mean(twice > 0.03) < 0.95 * np.mean(once > 0.03)
 
 
+@pytest.mark.thin(3)
 @pytest.mark.parametrize("name", ["fence", "noise-2", "range-4"])
 def test_two_thirds_of_the_errors_lie_within_sigma(name: str) -> None:
     """Errors under 0.07 px, against the standard error; and pixels told to be exact are more exact."""

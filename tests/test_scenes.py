@@ -582,7 +582,7 @@ def test_saving_refuses_other_folders(tmp_path: Path) -> None:
     # Nor does a scene's own folder give way once something else lies in it.
     scenes.save("demo", tmp_path / "scene", size=32, views=3)
     (tmp_path / "scene" / "estimate.pfm").write_bytes(b"a map")
-    with pytest.raises(LightFieldError, match="holds something else"):
+    with pytest.raises(LightFieldError, match="other content"):
         scenes.save("demo", tmp_path / "scene", size=32, views=3)
     assert (tmp_path / "scene" / "estimate.pfm").read_bytes() == b"a map"
 

@@ -195,7 +195,7 @@ def _cell(text: str) -> str:
 
 def commands_page() -> str:
     """Every command with its help, as the command line itself gives it."""
-    from lfdepth.cli import commands, experiments  # noqa: F401  # these register themselves
+    from lfdepth.cli import commands, experiments, learned, scale, viewing  # noqa: F401  # these register themselves
     from lfdepth.cli.app import app
 
     commands.add_estimate(methods.DEFAULT)

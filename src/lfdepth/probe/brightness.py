@@ -544,4 +544,4 @@ def _shown_everywhere(relative: NDArray[np.float32], valid: NDArray[np.bool_]) -
     known = np.where(valid[some], relative[some], np.float32(_TYPICAL))
     most = int(_MOST * (len(known) - 1))
     large = np.partition(known, most, axis=0)[most]
-    return _trust(large / np.median(large), _SELECTED)
+    return _trust(large / np.maximum(np.median(large), np.float32(_TYPICAL)), _SELECTED)

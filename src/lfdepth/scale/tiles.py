@@ -171,6 +171,20 @@ def estimate_tiled(
     LightFieldError
         If the map cannot be written, the memory does not suffice for the smallest tile, tiles of other
         settings are there, or a tile fails; those that are finished stay.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> folder = Path(tempfile.mkdtemp())
+    >>> lfdepth.write(folder / "bars.npy", scenes.render("bars", size=64, views=3))
+    >>> done = lfdepth.estimate_tiled(
+    ...     folder / "bars.npy", folder / "map.npy", "fbs", planes=8, range=(-1.5, 2), tile=48, halo=8
+    ... )
+    >>> done.tiles, lfdepth.io.read_disparity(done.output).shape
+    (4, (64, 64))
     """
     started = time.perf_counter()
     out = Path(out)
