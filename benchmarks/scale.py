@@ -213,6 +213,51 @@ def batch(count: int, size: int) -> None:
         print(f"{seconds[1] / seconds[2]:.2f} times as many")
 
 
+def _video(kind: dict[str, Any], effort: str) -> list[float]:
+    """Flicker where the truth does not change, bad pixels, errors; and errors where it did: apart, stabilised."""
+    frames = list(scenes.video(**kind))
+    low = min(lf.disparity_range[0] for lf in frames if lf.disparity_range)
+    high = max(lf.disparity_range[1] for lf in frames if lf.disparity_range)
+    truth = np.stack([lf.truth for lf in frames if lf.truth is not None])
+    rests = np.diff(truth, axis=0) == 0
+    found = []
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "video.npy"
+        np.save(path, np.stack([lf.views for lf in frames]))
+        for stabilise in (False, True):
+            out = Path(folder) / f"maps-{stabilise}"
+            lfdepth.estimate_video(path, out, stabilise=stabilise, range=(low, high), effort=effort)
+            maps = np.stack([lfdepth.io.read_disparity(each) for each in sorted(out.glob("*.npz"))])
+            error = np.abs(maps - truth)
+            moved = error[1:][~rests]
+            found.append(
+                [
+                    float(np.abs(np.diff(maps, axis=0))[rests].mean()),
+                    float(bad(maps, truth).mean()),
+                    float(error.mean()),
+                    float(moved.mean()) if moved.size else float("nan"),
+                ]
+            )
+    return [value for pair in zip(*found, strict=True) for value in pair]
+
+
+def video(count: int, size: int, grid: int, seeds: int, effort: str) -> None:
+    kinds: dict[str, dict[str, Any]] = {
+        "nothing moves": {"motion": 0},
+        "the board moves": {"motion": 3},
+        "and a cut": {"motion": 3, "cut": count // 2},
+    }
+    heads: list[str | Column] = [Column("scene", words=True), "flicker", "stabilised", "ratio"]
+    heads += ["BadPix 0.07", "stabilised", "error", "stabilised", "error where it moved", "stabilised"]
+    rows = []
+    for name, kind in kinds.items():
+        common = {"frames": count, "size": size, "views": grid, "noise": 4.0, **kind}
+        every = np.mean([_video({**common, "seed": 10 * seed}, effort) for seed in range(seeds)], axis=0)
+        rows.append((name, *every[:2], every[1] / every[0], *every[2:]))
+        print(*rows[-1], flush=True)
+    print(Table.of(heads, rows).to_markdown())
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -232,6 +277,12 @@ if __name__ == "__main__":
     each.add_argument("--size", type=int, default=256)
     each.add_argument("--tile", type=int, default=128)
     each.add_argument("--halos", type=int, nargs="+", default=[16, 32, 48, 64])
+    each = commands.add_parser("video")
+    each.add_argument("--frames", type=int, default=8)
+    each.add_argument("--size", type=int, default=96)
+    each.add_argument("--views", type=int, default=5)
+    each.add_argument("--seeds", type=int, default=3)
+    each.add_argument("--effort", default="fast")
     each = commands.add_parser("size")
     each.add_argument("--sides", type=int, nargs="+", default=[512, 1024, 2048])
     each.add_argument("--views", type=int, default=5)
@@ -243,6 +294,8 @@ if __name__ == "__main__":
         cost(chosen.folder)
     elif chosen.command == "tiles":
         tiles(chosen.scenes, chosen.size, chosen.tile, chosen.halos)
+    elif chosen.command == "video":
+        video(chosen.frames, chosen.size, chosen.views, chosen.seeds, chosen.effort)
     elif chosen.command == "size":
         size(chosen.sides, chosen.views, chosen.memory)
     else:

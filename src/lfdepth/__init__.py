@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from lfdepth.result import Result, ViewMaps
     from lfdepth.scale.batch import estimate_many
     from lfdepth.scale.tiles import estimate_tiled
+    from lfdepth.scale.video import estimate_video
     from lfdepth.scale.views import estimate_views
     from lfdepth.scoring import evaluate
     from lfdepth.trace import Trace
@@ -58,6 +59,7 @@ _HOMES = {
     "estimate": "lfdepth.estimation",
     "estimate_many": "lfdepth.scale.batch",
     "estimate_tiled": "lfdepth.scale.tiles",
+    "estimate_video": "lfdepth.scale.video",
     "estimate_views": "lfdepth.scale.views",
     "evaluate": "lfdepth.scoring",
     "explain": "lfdepth.viewer.evidence",
@@ -94,6 +96,7 @@ __all__ = [
     "estimate",
     "estimate_many",
     "estimate_tiled",
+    "estimate_video",
     "estimate_views",
     "evaluate",
     "explain",

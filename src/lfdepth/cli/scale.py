@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lfdepth.cli.app import PARTLY_FAILED, app
@@ -94,6 +95,74 @@ def batch(
     table = found.table().to_text()
     report(found.as_dict(), as_json, lambda _: f"{table}\n\nwritten  {output / 'index.html'}")
     return _status(found.failures)
+
+
+@app.command(sort_key=9)
+def video(
+    *frames: Path,
+    output: Output,
+    stabilise: Flag = False,
+    method: str = DEFAULT_METHOD,
+    range: Range = None,
+    engine: str = "cpu",
+    threads: int | None = None,
+    equalise: Equalise = "auto",
+    as_json: Json = False,
+    reading: ReadingParameters = AS_IT_IS,
+) -> None:
+    """Estimate a map for each frame of a video.
+
+    Range and brightness are found in the first frame and after cuts, and checked in every other one. If
+    interrupted, rerun the command: it goes on after the last finished frame. For example:
+
+        lfdepth video frames/* -o maps --stabilise
+        lfdepth video frames -o maps --method fbs-vis:effort=fast
+        lfdepth video video.zarr -o maps --range -1.5 2
+
+    Parameters
+    ----------
+    frames
+        Light fields, one for each frame, taken in the order of the numbers in their names; or one folder that
+        holds them; or a .zarr, .h5 or .npy array (T, V, U, H, W, C).
+    output
+        Folder for a map of each frame (frame-0000.npz), index.json, index.csv and preview.webp.
+    stabilise
+        Where the scene stands still, take the mean of the maps over time, so that they do not flicker.
+    method
+        Name of the method, with parameters as in fbs-vis:effort=fast,step=0.1.
+    range
+        Smallest and largest disparity to search in all frames, px per view step; by default the frames' own
+        or, if they have none, estimated from their views.
+    engine
+        Engine that does the computing; "lfdepth methods" lists them.
+    threads
+        Number of threads; one per processor by default.
+    equalise
+        auto: equalise the brightness of the views where it differs; off: use the views unchanged.
+    """
+    from lfdepth.bench.plan import setting
+    from lfdepth.cli.progress import Progress
+    from lfdepth.scale.video import PREVIEW, estimate_video
+
+    chosen = setting(method).resolve()
+    with Progress() as progress:
+        found = estimate_video(
+            frames,
+            output,
+            chosen,
+            stabilise=stabilise,
+            range=range,
+            engine=engine,
+            threads=threads,
+            equalise=equalise == "auto",
+            reading=reading.given(),
+            progress=progress.step,
+        )
+    for each in found.outcomes:
+        for warning in each.warnings:
+            print(f"warning: {each.frame}: {warning}", file=sys.stderr)
+    table = found.table().to_text()
+    report(found.as_dict(), as_json, lambda _: f"{table}\n\nwritten  {output / PREVIEW}")
 
 
 def _expected_text(facts: dict[str, Any], table: str) -> str:

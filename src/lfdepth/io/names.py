@@ -109,7 +109,7 @@ def subfolders(path: Path) -> list[Path]:
     """The folders in a folder whose names hold a number and which hold pictures."""
     return sorted(
         (each for each in path.iterdir() if each.is_dir() and re.search(r"\d", each.name) and pictures(each)),
-        key=lambda each: _natural(each.name),
+        key=lambda each: natural(each.name),
     )
 
 
@@ -195,7 +195,7 @@ def _in_folders(path: Path, files: Sequence[Path], layout: Layout) -> Found:
     names = []
     for folder, each in inside.items():
         frames = [file for file in each if file.name in common] or each
-        names.append(Name.of(min(frames, key=lambda file: _natural(file.name)), folder.name))
+        names.append(Name.of(min(frames, key=lambda file: natural(file.name)), folder.name))
     if most == 1:
         return Found(tuple(names))
     first = names[0].file.name
@@ -264,7 +264,7 @@ def _fits(layout: Layout, count: int) -> bool:
 
 def _in_order(names: Sequence[Name], layout: Layout) -> tuple[list[Grid], Grid]:
     assert layout.grid is not None
-    order = sorted(range(len(names)), key=lambda i: _natural(names[i].file.as_posix()))
+    order = sorted(range(len(names)), key=lambda i: natural(names[i].file.as_posix()))
     places: list[Grid] = [(0, 0)] * len(names)
     for rank, i in enumerate(order):
         row, column = divmod(rank, layout.grid[1])
@@ -272,7 +272,7 @@ def _in_order(names: Sequence[Name], layout: Layout) -> tuple[list[Grid], Grid]:
     return places, layout.grid
 
 
-def _natural(text: str) -> list[tuple[bool, int, str]]:
+def natural(text: str) -> list[tuple[bool, int, str]]:
     """Order in which people count: 2 before 10."""
     return [(part.isdigit(), int(part) if part.isdigit() else 0, part) for part in re.split(r"(\d+)", text)]
 

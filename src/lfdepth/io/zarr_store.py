@@ -82,6 +82,18 @@ def read_zarr(path: Path) -> dict[str, Any]:
     return {} if arrays is None else {**root.attrs, **arrays}
 
 
+def read_arrays(path: Path) -> dict[str, Any]:
+    """The arrays of a Zarr group by name, or the only one under no name, read when they are asked for.
+
+    Raises
+    ------
+    LightFieldError
+        If zarr is not installed, or the folder is damaged.
+    """
+    root, arrays = _open(path)
+    return {"": root} if arrays is None else arrays
+
+
 def write_zarr(path: Path, record: Record) -> None:
     """Write a group with the map under its quantity's name, confidence and sigma; the rest as attributes."""
     zarr = need("zarr", "zarr", path)

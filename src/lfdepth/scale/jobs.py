@@ -108,7 +108,7 @@ class Job:
         wanted = json.loads(json.dumps(self.provenance(), default=str))
         if made_of != wanted:
             raise LightFieldError(
-                f"{self.target}: exists, made with other settings ({_difference(made_of, wanted)}); expected "
+                f"{self.target}: exists, made with other settings ({difference(made_of, wanted)}); expected "
                 "the same; choose another folder, or remove it"
             )
         return True
@@ -188,10 +188,10 @@ def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-def _difference(found: Any, wanted: Any, where: str = "") -> str:
+def difference(found: Any, wanted: Any, where: str = "") -> str:
     """The first thing in which two nested dictionaries differ."""
     if isinstance(found, dict) and isinstance(wanted, dict):
         for key in sorted({*found, *wanted}):
             if found.get(key) != wanted.get(key):
-                return _difference(found.get(key), wanted.get(key), key)
+                return difference(found.get(key), wanted.get(key), key)
     return f"{where} {found} instead of {wanted}"

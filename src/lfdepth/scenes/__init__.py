@@ -10,6 +10,7 @@ centre.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,6 +36,7 @@ __all__ = [
     "render",
     "save",
     "truth_of_views",
+    "video",
 ]
 
 _RECIPES = {**SUITE, **STRATIFIED}
@@ -243,6 +245,64 @@ def truth_of_views(
     from lfdepth.scenes import rendering
 
     return rendering.truths(_RECIPES[name].build(Stage(height, width, seed)), (height, width), grid)
+
+
+def video(
+    frames: int,
+    *,
+    size: int | tuple[int, int] = 256,
+    views: int | tuple[int, int] = 9,
+    seed: int = 0,
+    noise: float = 3.0,
+    motion: float = 2.0,
+    cut: int | None = None,
+    samples: int = 3,
+) -> Iterator[LightField]:
+    """Render the frames of a video with exact truth, one after the other.
+
+    A tilted wall, a box and a ball stand still; a slanted board crosses in front of them and comes nearer.
+    The noise of every frame is its own.
+
+    Parameters
+    ----------
+    frames : int
+        Number of frames, at least 1.
+    size, views, seed, samples
+        As in `render`.
+    noise : float
+        Standard deviation of shot and read noise together at mid grey, grey levels, 0 to 255.
+    motion : float
+        How far the board moves from frame to frame, px, not negative; 0: nothing moves.
+    cut : int, optional
+        The first frame, counted from 0, of another scene: other paint, and the board comes from the other
+        side.
+
+    Yields
+    ------
+    LightField
+        Views with `truth` and `disparity_range` as those of `render`, which are each frame's own.
+
+    Raises
+    ------
+    LightFieldError
+        If an argument is out of its range.
+
+    Examples
+    --------
+    >>> from lfdepth import scenes
+    >>> first, second = scenes.video(2, size=64, views=5, motion=3)
+    >>> first.shape, bool((first.truth == second.truth).all())
+    ((5, 5, 64, 64, 3), False)
+    """
+    _check(frames >= 1, f"frames is {frames}; expected at least 1")
+    _check(seed >= 0, f"seed is {seed}; expected an integer >= 0")
+    _check(0 <= noise < 256, f"noise is {noise}; expected 0 to 255 grey levels")
+    _check(0 <= motion < 1 << 14, f"motion is {motion}; expected px from 0")
+    _check(1 <= samples <= 16, f"samples is {samples}; expected 1 to 16")
+    from lfdepth.scenes import moving
+
+    grid = _pair(views, "views", 3, MOST_VIEWS)
+    return moving.frames(frames, _pixels(size), grid, seed, noise, motion, cut, samples)
 
 
 def expected_seconds(
