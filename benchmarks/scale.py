@@ -1,14 +1,16 @@
-"""Figures of docs/scale.md: every view, many scenes, fields larger than memory.
+"""Figures of docs/scale.md: every view, videos, many scenes, fields larger than memory.
 
     python benchmarks/scale.py views [SCENES...] [--size 192] [--apart]
     python benchmarks/scale.py cost FOLDER
+    python benchmarks/scale.py video [--frames 8] [--size 96] [--views 5] [--seeds 3] [--effort fast]
     python benchmarks/scale.py batch [--scenes 40] [--size 256]
     python benchmarks/scale.py tiles SCENES... [--size 256] [--tile 128] [--halos 16 32 48 64]
     python benchmarks/scale.py size [--sides 512 1024 2048] [--views 5] [--memory 8e8]
 
 `views`: bad pixels of all views of procedural scenes against the truth of each, and whether maps agree.
 `cost`: time and memory of the maps of all views of a light field, such as the benchmark's cotton, beside
-those of one map. `batch`: scenes in an hour by one process and by two. `tiles`: how far maps by tiles are
+those of one map. `video`: flicker and errors of maps frame by frame and stabilised, means over scenes.
+`batch`: scenes in an hour by one process and by two. `tiles`: how far maps by tiles are
 from whole ones, by the halo. `size`: time and memory of maps by tiles as fields grow.
 """
 
@@ -214,7 +216,7 @@ def batch(count: int, size: int) -> None:
 
 
 def _video(kind: dict[str, Any], effort: str) -> list[float]:
-    """Flicker where the truth does not change, bad pixels, errors; and errors where it did: apart, stabilised."""
+    """Flicker where the truth stays, bad pixels, errors, errors where it changed: each apart and stabilised."""
     frames = list(scenes.video(**kind))
     low = min(lf.disparity_range[0] for lf in frames if lf.disparity_range)
     high = max(lf.disparity_range[1] for lf in frames if lf.disparity_range)

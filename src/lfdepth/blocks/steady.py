@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lfdepth.blocks.noise import texture_weight
 from lfdepth.blocks.photo import local_thresholds
 from lfdepth.engines import using
 from lfdepth.engines.base import Engine
@@ -39,6 +40,8 @@ class SteadyRule:
         What is added to both, of full scale.
     spread
         By how many px what changed is widened: filters and fits reach beyond it.
+    plain_spread
+        The same where there is no texture, so that a surface that moves shows it only farther away.
     gate
         Largest difference of two estimates of one surface, px per view step.
     sigmas, widest
@@ -55,7 +58,8 @@ class SteadyRule:
     mean: float = 2.0
     absolute: float = 3.0
     rounding: float = 0.002
-    spread: int = 2
+    spread: int = 3
+    plain_spread: int = 8
     gate: float = 0.1
     sigmas: float = 3.0
     widest: float = 0.3
@@ -137,7 +141,7 @@ def steady(
     reference, own = reference_of(lf), _weight(confidence, sigma, rule)
     if past is None:
         return disparity, Past(disparity, own, reference)
-    still = ~_widened(changed(reference, past.reference, noise, rule), rule.spread)
+    still = _still(lf, changed(reference, past.reference, noise, rule), noise, rule)
     gate = np.float32(rule.gate)
     if sigma is not None:
         gate = np.clip(rule.sigmas * sigma, rule.gate, rule.widest).astype(np.float32)
@@ -155,6 +159,12 @@ def steady(
         weight[at] = np.where(stays, left, own[at])
     mean = past.reference + share[..., None] * (reference - past.reference)
     return kept, Past(kept, weight, np.where(still[..., None], mean, reference))
+
+
+def _still(lf: LightField, moved: NDArray[np.bool_], noise: float, rule: SteadyRule) -> NDArray[np.bool_]:
+    """Where (H, W) the past may count: away from what moved, and farther where no texture would show it."""
+    plain = texture_weight(lf, noise) < 0.5
+    return np.asarray(~_widened(moved, rule.spread) & ~(plain & _widened(moved, rule.plain_spread)), np.bool_)
 
 
 def _weight(confidence: Map, sigma: Map | None, rule: SteadyRule) -> Map:

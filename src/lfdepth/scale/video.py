@@ -213,7 +213,9 @@ def estimate_video(
     """
     started = time.perf_counter()
     reading = {key: value for key, value in (reading or {}).items() if value is not None}
-    found = find_frames([frames] if isinstance(frames, (str, Path)) else frames, reading)
+    paths = [frames] if isinstance(frames, (str, Path)) else list(frames)
+    _check_outside(Path(out), paths)
+    found = find_frames(paths, reading)
     run = _Run(
         out=Path(out),
         method=named_method(method, **options),
@@ -251,7 +253,7 @@ class _Run:
         if progress is not None:
             progress(len(outcomes), len(frames), "what is there")
         for number, frame in enumerate(frames[len(outcomes) :], len(outcomes)):
-            lf = frame.read(known and known.white)
+            lf = frame.read(None if known is None else known.white)
             _check_alike(lf, frame, known, frames[0])
             result, known, facts = self.step(lf, known)
             self._write(number, frame, lf, result, known, facts)
@@ -439,6 +441,15 @@ class _Run:
         if number:
             with suppress(OSError):
                 self._state(number - 1).unlink()
+
+
+def _check_outside(out: Path, paths: Sequence[str | Path]) -> None:
+    """Raise LightFieldError where maps would lie among the frames, and be taken for frames later."""
+    for path in paths:
+        if out.resolve().is_relative_to(Path(path).resolve()):
+            raise LightFieldError(
+                f"{out}: lies in {path}; expected a folder beside the frames; choose another"
+            )
 
 
 def _uneven(result: Result) -> float:
