@@ -216,7 +216,7 @@ def batch(count: int, size: int) -> None:
 
 
 def _video(kind: dict[str, Any], effort: str) -> list[float]:
-    """Flicker where the truth stays, bad pixels, errors, errors where it changed: each apart and stabilised."""
+    """Flicker where the truth stays, bad pixels, error, that where it changed: each apart and stabilised."""
     frames = list(scenes.video(**kind))
     low = min(lf.disparity_range[0] for lf in frames if lf.disparity_range)
     high = max(lf.disparity_range[1] for lf in frames if lf.disparity_range)
