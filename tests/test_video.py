@@ -82,7 +82,7 @@ def resting(tmp_path_factory: pytest.TempPathFactory) -> Made:
 
 @pytest.fixture(scope="module")
 def moving(tmp_path_factory: pytest.TempPathFactory) -> Made:
-    return Made(tmp_path_factory.mktemp("moving"), frames=4, motion=3, cut=3)
+    return Made(tmp_path_factory.mktemp("moving"), frames=3, motion=3, cut=2)
 
 
 # What is promised of stabilised maps
@@ -98,14 +98,13 @@ def test_a_scene_that_rests_flickers_less_than_half(resting: Made) -> None:
 def test_nothing_is_dragged_by_what_moves_and_over_a_cut(moving: Made) -> None:
     assert error(moving.steady, moving.frames) <= error(moving.apart, moving.frames)
     assert bad(moving.steady, moving.frames) <= bad(moving.apart, moving.frames)
-    assert [each.cut for each in moving.done.outcomes] == [True, False, False, True]
-    np.testing.assert_array_equal(moving.steady[3], moving.apart[3])  # nothing of the scene before
-    truth = np.stack([truth_of(lf) for lf in moving.frames])
-    for number in (1, 2):
-        where = np.abs(truth[number] - truth[number - 1]) > 0.3  # where the board came or went
-        assert where.sum() > 50
-        apart, steadied = (np.abs(m[number] - truth[number])[where] for m in (moving.apart, moving.steady))
-        assert steadied.mean() <= apart.mean() + 1e-6
+    assert [each.cut for each in moving.done.outcomes] == [True, False, True]
+    np.testing.assert_array_equal(moving.steady[2], moving.apart[2])  # nothing of the scene before
+    truth = truth_of(moving.frames[1])
+    where = np.abs(truth - truth_of(moving.frames[0])) > 0.3  # where the board came or went
+    assert where.sum() > 50
+    apart, steadied = (np.abs(maps[1] - truth)[where].mean() for maps in (moving.apart, moving.steady))
+    assert steadied <= apart + 1e-6
 
 
 def test_without_stabilising_maps_are_those_of_estimate(moving: Made, tmp_path: Path) -> None:

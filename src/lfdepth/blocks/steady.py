@@ -63,7 +63,7 @@ class SteadyRule:
     gate: float = 0.1
     sigmas: float = 3.0
     widest: float = 0.3
-    margin: float = 0.05
+    margin: float = 0.03
     most: float = 12.0
     least: float = 0.05
 
