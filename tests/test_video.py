@@ -20,7 +20,7 @@ from lfdepth.lightfield import LightField
 from lfdepth.probe.brightness import measure_brightness
 from lfdepth.scale.frames import find_frames
 
-FAST: dict[str, Any] = {"effort": "fast", "gloss": False, "threads": 1}
+FAST: dict[str, Any] = {"effort": "fast", "gloss": False, "step": 0.14, "threads": 1}
 SIZE: dict[str, Any] = {"size": 64, "views": 5, "noise": 4.0}
 RANGE = (-1.5, 1.8)
 
@@ -67,9 +67,11 @@ class Made:
     def __init__(self, folder: Path, **kind: Any) -> None:
         self.frames = list(scenes.video(**kind, **SIZE))
         path = stored(folder / "video.npy", self.frames)
-        self.done = lfdepth.estimate_video(path, folder / "maps", stabilise=True, range=RANGE, **FAST)
+        self.done = lfdepth.estimate_video(
+            path, folder / "maps", stabilise=True, range=RANGE, equalise=False, **FAST
+        )
         self.steady = maps_of(folder / "maps")
-        alone = {"range": RANGE, "check": False, **FAST}
+        alone = {"range": RANGE, "check": False, "equalise": False, **FAST}
         self.apart = np.stack(
             [lfdepth.estimate(LightField(lf.views), **alone).disparity for lf in self.frames]
         )
