@@ -36,6 +36,7 @@ print(len(engine.calls), len(compiled) - before)
 """Prints how many kernels were made ready, and how many were compiled after that."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "samples"), [("fbs-vis", "uint8"), ("fbsocc-sfa", "float32")])
 def test_nothing_is_compiled_after_what_was_made_ready(name: str, samples: str) -> None:
     done = subprocess.run(

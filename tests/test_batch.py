@@ -229,6 +229,7 @@ def _deadly(job: Job) -> work.Outcome:
     return work.Outcome(job.scene, "", "done")
 
 
+@pytest.mark.thin(2)
 @pytest.mark.skipif(os.name == "nt", reason="kill -9")
 @pytest.mark.parametrize(("deaths", "status"), [(1, "done"), (9, "failed")])
 def test_a_job_that_kills_its_process_costs_no_other(deaths: int, status: str, tmp_path: Path) -> None:
@@ -277,6 +278,7 @@ assert "cannot be written" in done.failures[0].message, done.failures[0].message
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="limits of processes")
 def test_a_full_disk_is_named_and_what_is_finished_stays(
     fields: list[str], serial: tuple[Path, batches.Batch], tmp_path: Path

@@ -44,6 +44,7 @@ def test_ablation(tmp_path: Path) -> None:
     assert run("ablation", "--from", str(tmp_path / "figures.json")).strip() == text.strip()
 
 
+@pytest.mark.slow
 def test_accuracy(tmp_path: Path) -> None:
     text, found = measured("accuracy", tmp_path, "--size", "48", "--scenes", "demo", "--methods", "fbs-sfa")
     scores = found["scenes"]["demo"]["fbs-sfa"]

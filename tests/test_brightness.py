@@ -103,7 +103,7 @@ def test_samples_keep_their_kind(leaves: LightField) -> None:
     np.testing.assert_allclose(levels["uint8"], levels["float32"], atol=2e-5)
 
 
-@pytest.mark.thin(2)
+@pytest.mark.thin(4)
 @pytest.mark.parametrize(
     ("case", "method"),
     [

@@ -644,6 +644,7 @@ def test_pipes_and_devices_are_not_replaced(scene: Path, run: Run) -> None:
     assert not Path(os.devnull).is_file()
 
 
+@pytest.mark.slow
 def test_force_allows_many_planes(scene: Path, run: Run) -> None:
     window = ("--crop", "12", "12", "24", "24")
     status, out, _ = run(

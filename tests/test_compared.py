@@ -11,6 +11,7 @@ from lfdepth.estimation import estimate
 from lfdepth.methods import COMPARED
 
 
+@pytest.mark.thin(2)
 @pytest.mark.parametrize("name", COMPARED)
 @pytest.mark.parametrize(
     ("grid", "size", "dtype", "channels"),

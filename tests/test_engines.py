@@ -925,7 +925,7 @@ def shares_apart(engine: str, name: str, of: str, **options: Any) -> tuple[float
     return disparity, confidence
 
 
-@pytest.mark.thin(2)
+@pytest.mark.thin(4)
 @pytest.mark.parametrize("of", ["gloss", "layers", "odd"])
 @pytest.mark.parametrize("name", ["fbs", "fbs-sfa", "fbsocc-sfa", "fbs-vis", "fbs-vis without gloss"])
 @pytest.mark.parametrize("engine", OTHERS)

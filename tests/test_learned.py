@@ -147,6 +147,7 @@ def field(number: int = 0, size: int = 48, views: int = 5) -> LightField:
     return LightField(sample.views.reshape(views, views, size, size, 3), truth=sample.truth)
 
 
+@pytest.mark.slow
 def test_tiles_do_not_show() -> None:
     network, grey = Forward(SMALL, chance_weights(SMALL)), grey_views(field(), stack_views(5))
     whole_map = predict(network, grey, SMALL, TURNS[0], 100)

@@ -50,6 +50,7 @@ def test_oavc_is_what_its_paper_says() -> None:
     assert len(np.unique(disparity)) > 2
 
 
+@pytest.mark.thin(2)
 @pytest.mark.parametrize("regulariser", ["none", "paths"])
 def test_cae_is_what_its_paper_says(regulariser: str) -> None:
     """Entropies, scaled, smoothed with a guide from 0 to 255, and the energy of graph cuts on paths."""

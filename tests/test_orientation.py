@@ -55,6 +55,7 @@ def found(lf: LightField) -> Reordering:
     return orientation.reordering
 
 
+@pytest.mark.thin(2)
 @pytest.mark.parametrize("name", ["cotton", "backgammon"])
 def test_all_eight_orders_of_real_scenes(name: str, data_folder: Path) -> None:
     lf = read(data_folder / "hci4d" / name, crop=(130, 130, 192, 192))
@@ -76,6 +77,7 @@ def test_procedural_scenes(name: str) -> None:
     assert found(disordered(lf, mends)) == mends
 
 
+@pytest.mark.thin(3)
 @pytest.mark.parametrize("grid", [(3, 3), (5, 7), (8, 6)])
 def test_all_eight_orders_of_other_grids(grid: tuple[int, int]) -> None:
     lf = scenes.render("leaves", size=(96, 128), views=grid, samples=1)
@@ -213,7 +215,7 @@ SPOILED = Imperfections(
 )
 
 
-@pytest.mark.thin(2)
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["cotton", "backgammon"])
 def test_all_eight_orders_are_told_where_brightness_differs(name: str, data_folder: Path) -> None:
     lf = spoil(read(data_folder / "hci4d" / name, crop=(130, 130, 192, 192)), SPOILED)
@@ -232,6 +234,7 @@ def wound(lf: LightField) -> LightField:
     return replace(lf, views=views, truth=None, masks={})
 
 
+@pytest.mark.thin(3)
 @pytest.mark.parametrize("grid", [(9, 9), (7, 7), (3, 3), (4, 6), (5, 3)])
 @pytest.mark.parametrize("name", ["leaves", "room"])
 def test_rows_that_run_back_are_told(name: str, grid: tuple[int, int], tmp_path: Path) -> None:

@@ -23,6 +23,7 @@ Array = fields.Array
 GRIDS = [(3, 3), (5, 5), (4, 6), (6, 4), (1, 5), (7, 1)]
 
 
+@pytest.mark.thin(5)
 @pytest.mark.parametrize("dtype", fields.DTYPES)
 @pytest.mark.parametrize("channels", [1, 3])
 @pytest.mark.parametrize("grid", GRIDS)

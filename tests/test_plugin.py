@@ -86,6 +86,7 @@ def test_it_estimates_and_says_how(run: Run, engine: str) -> None:
     assert np.mean(np.abs(read_disparity("map.npy")[6:-6, 6:-6] - 0.4) < 0.01) > 0.99
 
 
+@pytest.mark.slow
 def test_it_is_compared_with_settings(run: Run) -> None:
     done = run("bench", "scene.npz", "--methods", "nearest:step=0.2", "fbs", "-o", "out", "--json")
     assert done.returncode == 0, done.stderr
@@ -109,6 +110,7 @@ def test_its_parameters_are_checked_like_all_others(run: Run, words: str, parts:
     assert not Path("map.npy").exists()
 
 
+@pytest.mark.slow
 def test_a_package_that_cannot_be_loaded_is_named_and_the_others_work(run: Run, installed: Path) -> None:
     code = installed / "lfdepth_nearest" / "__init__.py"
     whole = code.read_text(encoding="utf-8")

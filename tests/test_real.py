@@ -37,6 +37,7 @@ def scores(request: pytest.FixtureRequest, data_folder: Path) -> tuple[str, dict
     return name, found
 
 
+@pytest.mark.thin(2)
 def test_fbsocc_sfa_reaches_its_limits(scores: tuple[str, dict[str, Score]]) -> None:
     scene, found = scores
     badpix, mse = LIMITS[scene]

@@ -110,6 +110,7 @@ def test_everything_runs_on_what_is_there(scene: LightField, tmp_path: Path) -> 
     assert next(line for line in times if "| fbs-vis |" in line).endswith("| – | – |")
 
 
+@pytest.mark.slow
 def test_without_data_procedural_scenes_stand_in(
     scene: LightField, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -172,6 +172,7 @@ def test_mirrored_scene_gives_mirrored_views() -> None:
         np.testing.assert_allclose(picture, other[:, ::-1], atol=0.02)
 
 
+@pytest.mark.thin(3)
 @pytest.mark.parametrize("name", [name for name in scenes.NAMES if name != "gloss"])
 def test_warping_by_the_truth_gives_the_reference(name: str) -> None:
     lf = scene(name)

@@ -273,6 +273,7 @@ def test_chains_of_edges_are_occlusions_where_a_tenth_of_their_pixels_is() -> No
 # --- OMG
 
 
+@pytest.mark.slow
 def test_omg_is_lf_occ_without_edges() -> None:
     """Where no pixel is near an edge the views are all of them for both, and so are the labels."""
     lf = field(10)
@@ -325,6 +326,7 @@ def test_views_that_an_occluder_covers_are_left_out() -> None:
     assert groups[0, :, 0].all()
 
 
+@pytest.mark.thin(3)
 @pytest.mark.parametrize("scene", ["bars", "fence", "leaves"])
 def test_omg_has_fewer_bad_pixels_near_edges_than_lf_occ(scene: str) -> None:
     lf = scenes.render(scene, size=96)
@@ -337,6 +339,7 @@ def test_omg_has_fewer_bad_pixels_near_edges_than_lf_occ(scene: str) -> None:
     assert bad["omg"] < bad["lf-occ"]
 
 
+@pytest.mark.thin(2)
 @pytest.mark.parametrize("scene", ["bars", "fence"])
 def test_spo_mo_is_no_worse_than_spo_near_jumps(scene: str) -> None:
     lf = scenes.render(scene, size=96)

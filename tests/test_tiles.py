@@ -45,6 +45,7 @@ def saved(tmp_path: Path) -> Path:
     return path
 
 
+@pytest.mark.thin(3)
 @pytest.mark.parametrize("ending", [".npy", ".zarr", ".tif"])
 def test_tiles_make_the_whole_map(ending: str, saved: Path) -> None:
     """Further than 0.02 px off on less than 0.1 % of the pixels; and the halo has to be there for that."""

@@ -43,7 +43,7 @@ def agree(lf: LightField, chosen: FbsVis) -> naive_vis.Decoded:
     return expected
 
 
-@pytest.mark.thin(2)
+@pytest.mark.thin(3)
 @pytest.mark.parametrize(
     ("lf", "options"),
     [

@@ -90,6 +90,7 @@ def change_input(words: list[str]) -> int:
     return 0
 
 
+@pytest.mark.thin(2)
 @pytest.mark.parametrize(
     ("act", "what"),
     [
