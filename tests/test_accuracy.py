@@ -40,6 +40,7 @@ def badpix(error: fields.Array) -> float:
     return 100 * float(np.mean(error > 0.07))
 
 
+@pytest.mark.thin(5)
 @pytest.mark.parametrize(("name", "typical"), [("fbs", 0.02), ("fbs-sfa", 0.012), ("fbsocc-sfa", 0.012)])
 def test_open_surfaces_are_found_to_a_fraction_of_the_step(found: Found, name: str, typical: float) -> None:
     scene, by_method = found

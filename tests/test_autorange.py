@@ -43,7 +43,7 @@ def plane(
     return LightField(quantise(plane_views(paint, disparity, grid, size), "uint8")[..., None])
 
 
-@pytest.mark.thin(2)
+@pytest.mark.thin(3)
 @pytest.mark.parametrize("name", [*SUITE, *STRATIFIED])
 def test_both_ends_are_found_in_the_procedural_scenes(name: str) -> None:
     assert off(scenes.render(name, size=128, views=9, seed=3, samples=2)) < CLOSE

@@ -44,6 +44,7 @@ def bad_pixels(lf: LightField, method: str, *, equalise: bool = True) -> float:
     return 100 * float((np.abs(found - lf.truth)[15:-15, 15:-15] > 0.07).mean())
 
 
+@pytest.mark.thin(3)
 @pytest.mark.parametrize("name", scenes.NAMES)
 @pytest.mark.parametrize(
     ("size", "views", "seed"), [pytest.param(128, 9, 3, marks=pytest.mark.slow), (96, 5, 1)]

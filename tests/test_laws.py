@@ -252,6 +252,7 @@ def test_threads_change_no_vote(masked: bool, seed: int, height: int, rule: Vote
             np.testing.assert_array_equal(vote(lf, 0.3, rule=rule, mask=mask, engine=used), one)
 
 
+@pytest.mark.thin(3)
 @pytest.mark.parametrize("name", FAMILY)
 def test_threads_change_no_estimate(name: str) -> None:
     lf = random_field(1, (4, 5), (150, 41), "scene", absent=False)

@@ -68,7 +68,7 @@ def test_all_eight_orders_of_a_lytro_picture(data_folder: Path) -> None:
     assert [found(disordered(lf, mends)) for mends in EIGHT] == EIGHT
 
 
-@pytest.mark.thin(2)
+@pytest.mark.thin(4)
 @pytest.mark.parametrize("name", TELLING)
 def test_procedural_scenes(name: str) -> None:
     lf = scenes.render(name, size=128, views=9, seed=1, samples=1)
@@ -185,6 +185,7 @@ def test_reading_refuses_views_in_another_order(tmp_path: Path) -> None:
         read(tmp_path / "right.npy", check=True, flip_v=True)
 
 
+@pytest.mark.thin(4)
 @pytest.mark.parametrize("mends", EIGHT)
 def test_reading_names_the_call_that_mends_an_older_hdf5_file(tmp_path: Path, mends: Reordering) -> None:
     """Its columns are taken to run from right to left; whatever they do in a file, the check finds out."""

@@ -74,6 +74,7 @@ def test_its_help_shows_its_own_parameters(run: Run) -> None:
     assert "--epsilon" not in shown
 
 
+@pytest.mark.thin(2)
 @pytest.mark.parametrize("engine", engines.NAMES)
 def test_it_estimates_and_says_how(run: Run, engine: str) -> None:
     """Truth: a plane at 0.4, which is one of the planes that are searched."""

@@ -45,6 +45,7 @@ def test_fbsocc_sfa_reaches_its_limits(scores: tuple[str, dict[str, Score]]) -> 
     assert found["fbsocc-sfa"].mse <= mse, found
 
 
+@pytest.mark.thin(2)
 def test_fbsocc_sfa_is_no_worse_than_fbs_sfa(scores: tuple[str, dict[str, Score]]) -> None:
     """The paper's claim (Table 1, Fig. 7)."""
     _, found = scores

@@ -130,6 +130,7 @@ def test_without_data_procedural_scenes_stand_in(
     ]
 
 
+@pytest.mark.slow
 def test_a_damaged_scene_is_named_and_the_rest_runs(scene: LightField, tmp_path: Path) -> None:
     for name in ("cotton", "boxes"):
         write_scene(scene, tmp_path / "data" / name)

@@ -51,7 +51,7 @@ def kept_by(lf: LightField, name: str, **options: Any) -> tuple[Result, naive.Ar
     return result, np.stack(trace.kept["votes"]), np.stack(trace.kept["smoothed"])
 
 
-@pytest.mark.thin(3)
+@pytest.mark.thin(7)
 @pytest.mark.parametrize("skip", [1, 2, 3, 7, 40])
 @pytest.mark.parametrize("normalise", [False, True])
 @pytest.mark.parametrize(("grid", "dtype"), [((5, 5), "uint8"), ((4, 6), "uint16")])
