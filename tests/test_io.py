@@ -296,8 +296,8 @@ def test_written_pfm_is_laid_out_by_its_description(tmp_path: Path) -> None:
 class FakeMethod:
     name: str = "fbs"
 
-    def parameters(self) -> dict[str, float]:
-        return {"step": 0.02}
+    def as_dict(self) -> dict[str, Any]:
+        return {"name": self.name, "step": 0.02}
 
 
 @dataclass(frozen=True)

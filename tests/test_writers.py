@@ -40,8 +40,8 @@ class FakeMethod:
     name: str = "fbs"
     step: float = 0.02
 
-    def parameters(self) -> dict[str, float]:
-        return {"step": self.step}
+    def as_dict(self) -> dict[str, Any]:
+        return {"name": self.name, "step": self.step}
 
 
 @dataclass(frozen=True)

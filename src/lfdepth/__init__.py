@@ -15,6 +15,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from lfdepth.showing import provide
 from lfdepth.version import __version__ as __version__
 
 if TYPE_CHECKING:
@@ -116,6 +117,15 @@ __all__ = [
     "write_masks",
     "write_picture",
 ]
+
+
+def _provide(name: str) -> None:
+    """Let things show themselves in notebooks by a function of the viewer, loaded when it is first used."""
+    provide(name, lambda thing: getattr(import_module("lfdepth.viewer.notebook"), name)(thing))
+
+
+for _name in ("light_field_html", "light_field_png", "result_html", "result_png"):
+    _provide(_name)
 
 
 def __getattr__(name: str) -> Any:

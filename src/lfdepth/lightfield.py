@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 from math import isfinite
 from typing import Any
 
@@ -13,6 +12,7 @@ import numpy.typing as npt
 
 from lfdepth.camera import Camera
 from lfdepth.errors import LightFieldError
+from lfdepth.showing import show
 
 FULL_SCALE: Mapping[str, float] = {"uint8": 255.0, "uint16": 65535.0, "float32": 1.0}
 """The value of white for each sample type that views may have."""
@@ -168,11 +168,11 @@ class LightField:
 
     def _repr_html_(self) -> str:
         """For notebooks: the reference view and what is known."""
-        return str(_notebook("light_field_html")(self))
+        return str(show("light_field_html", self))
 
     def _repr_png_(self) -> bytes:
         """For notebooks: the reference view."""
-        return bytes(_notebook("light_field_png")(self))
+        return bytes(show("light_field_png", self))
 
     def grey(self) -> npt.NDArray[Any]:
         """Luma of every view (Rec. 601: 0.299 R + 0.587 G + 0.114 B).
@@ -318,11 +318,6 @@ class LightField:
 
     def _error(self, found: str, expected: str, remedy: str) -> LightFieldError:
         return LightFieldError(f"{self.name}: {found}; expected {expected}; {remedy}")
-
-
-def _notebook(name: str) -> Any:
-    """A function that shows things in notebooks. It lives on a higher floor, and is only looked up there."""
-    return getattr(import_module("lfdepth.viewer.notebook"), name)
 
 
 def check_range(disparity_range: tuple[float, float], what: str = "range") -> tuple[float, float]:

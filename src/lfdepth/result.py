@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfdepth.errors import LightFieldError
+from lfdepth.showing import show
 
 if TYPE_CHECKING:
     from lfdepth.methods.base import Method
@@ -116,11 +117,11 @@ class Result:
 
     def _repr_html_(self) -> str:
         """For notebooks: the map, its range, and the checks."""
-        return str(import_module("lfdepth.viewer.notebook").result_html(self))
+        return str(show("result_html", self))
 
     def _repr_png_(self) -> bytes:
         """For notebooks: the map."""
-        return bytes(import_module("lfdepth.viewer.notebook").result_png(self))
+        return bytes(show("result_png", self))
 
 
 @dataclass(frozen=True, eq=False)

@@ -50,7 +50,7 @@ def estimate_facts(
     facts: Facts = {
         "scene": lf.name,
         "shape": list(lf.shape),
-        "method": {"name": result.method.name, **result.method.parameters()},
+        "method": result.method.as_dict(),
         "engine": result.engine,
         "version": result.version,
         "range": list(result.range),

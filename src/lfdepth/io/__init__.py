@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -36,10 +36,7 @@ from lfdepth.io.view_maps import check_view_maps_writable, write_view_maps
 from lfdepth.io.white import check_white_level
 from lfdepth.io.writing import check_light_field_writable, write_light_field
 from lfdepth.lightfield import LightField
-from lfdepth.result import ViewMaps
-
-if TYPE_CHECKING:
-    from lfdepth.result import Result
+from lfdepth.result import Result, ViewMaps
 
 __all__ = [
     "FORMATS",

@@ -13,7 +13,16 @@ from lfdepth.errors import LightFieldError
 from lfdepth.io import limits
 from lfdepth.io.atomic import atomic_folder
 from lfdepth.io.layout import Layout, size
-from lfdepth.io.names import Name, camera_positions, check_grid, find_views, pictures, place_views, subfolders
+from lfdepth.io.names import (
+    Name,
+    camera_positions,
+    check_grid,
+    find_views,
+    pictures,
+    place_views,
+    subfolders,
+    view_name,
+)
 from lfdepth.io.notes import FILE, MASK, TRUTH, Notes, notes_of, read_notes
 from lfdepth.io.pfm import read_pfm, write_pfm
 from lfdepth.io.picture import checked_name, read_picture, stated_white, write_mask, write_picture
@@ -76,11 +85,10 @@ def write_folder(path: Path, lf: LightField) -> None:
     `masks`. A folder is replaced if it is empty or was written so and holds nothing else.
     """
     ending = "tif" if lf.views.dtype == np.float32 else "png"
-    digits = max(2, len(str(max(lf.shape[:2]) - 1)))
     with atomic_folder(path) as folder:
         for v, u in np.ndindex(*lf.shape[:2]):
             if lf.present is None or lf.present[v, u]:
-                write_picture(folder / f"view_v{v:0{digits}d}_u{u:0{digits}d}.{ending}", lf.views[v, u])
+                write_picture(folder / view_name("view", (v, u), lf.shape[:2], ending), lf.views[v, u])
         (folder / FILE).write_text(notes_of(lf).text(), encoding="utf-8")
         if lf.truth is not None:
             write_pfm(folder / _TRUTH, Record(lf.truth))

@@ -272,6 +272,12 @@ def _in_order(names: Sequence[Name], layout: Layout) -> tuple[list[Grid], Grid]:
     return places, layout.grid
 
 
+def view_name(prefix: str, index: Grid, grid: Grid, ending: str) -> str:
+    """Name of a file of view (v, u), such as `view_v00_u00.png`."""
+    digits = max(2, len(str(max(grid) - 1)))
+    return f"{prefix}_v{index[0]:0{digits}d}_u{index[1]:0{digits}d}.{ending}"
+
+
 def natural(text: str) -> list[tuple[bool, int, str]]:
     """Order in which people count: 2 before 10."""
     return [(part.isdigit(), int(part) if part.isdigit() else 0, part) for part in re.split(r"(\d+)", text)]

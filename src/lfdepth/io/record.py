@@ -13,6 +13,7 @@ from lfdepth.errors import LightFieldError
 
 if TYPE_CHECKING:
     from lfdepth.camera import Camera
+    from lfdepth.lightfield import LightField
     from lfdepth.result import Result
 
 
@@ -47,6 +48,11 @@ class Record:
     runtime: float | None = None
     parameters: str | None = None
 
+    def arrays(self) -> dict[str, npt.NDArray[np.float32]]:
+        """The maps by name: under its quantity's the values, then what there is of confidence and sigma."""
+        maps = {self.quantity: self.values, "confidence": self.confidence, "sigma": self.sigma}
+        return {name: array for name, array in maps.items() if array is not None}
+
 
 def as_record(result: Result | Record | npt.NDArray[Any]) -> Record:
     """Wrap a result or a bare disparity map; a record stays what it is.
@@ -66,7 +72,7 @@ def as_record(result: Result | Record | npt.NDArray[Any]) -> Record:
         sigma=None if result.sigma is None else checked_map(result.sigma, "sigma"),
         range=result.range,
         runtime=result.runtime,
-        parameters=json.dumps({"name": result.method.name, **result.method.parameters()}),
+        parameters=json.dumps(result.method.as_dict()),
     )
 
 
@@ -82,6 +88,15 @@ def as_depth(record: Record, camera: Camera) -> Record:
         with np.errstate(invalid="ignore"):
             sigma = np.where(np.isinf(depth), np.float32(np.inf), depth - nearer)
     return replace(record, values=depth, sigma=sigma, quantity="depth", unit="m")
+
+
+def check_size(values: npt.NDArray[Any], lf: LightField, what: str) -> None:
+    """Raise LightFieldError unless a map (H, W) has the size of the views."""
+    if values.shape != (lf.height, lf.width):
+        raise LightFieldError(
+            f"{what}: found {values.shape[1]}x{values.shape[0]} px, expected {lf.width}x{lf.height} "
+            f"like the views of {lf.name}; apply the same crop and scale to both"
+        )
 
 
 def checked_map(values: npt.NDArray[Any], what: str, *, finite: bool = True) -> npt.NDArray[np.float32]:

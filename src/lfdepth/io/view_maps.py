@@ -11,6 +11,7 @@ import numpy as np
 from lfdepth.errors import LightFieldError
 from lfdepth.io.atomic import MANIFEST, atomic, atomic_folder, check_target
 from lfdepth.io.extras import need
+from lfdepth.io.names import view_name
 from lfdepth.io.pfm import write_pfm
 from lfdepth.io.record import Record
 from lfdepth.io.zarr_store import writing
@@ -44,12 +45,11 @@ def write_view_maps(path: Path, maps: ViewMaps) -> None:
 
 
 def _facts(maps: ViewMaps) -> dict[str, Any]:
-    method = maps.reference.method
     return {
         "range": list(maps.reference.range),
         "runtime": maps.runtime,
         "consistency": maps.consistency,
-        "parameters": json.dumps({"name": method.name, **method.parameters()}),
+        "parameters": json.dumps(maps.reference.method.as_dict()),
     }
 
 
@@ -79,9 +79,9 @@ def _write_zarr(path: Path, maps: ViewMaps) -> None:
 
 
 def _write_folder(path: Path, maps: ViewMaps) -> None:
-    digits = max(2, len(str(max(maps.disparity.shape[:2]) - 1)))
+    rows, columns = maps.disparity.shape[:2]
     with atomic_folder(path) as temporary:
         for v, u in np.argwhere(np.isfinite(maps.disparity[:, :, 0, 0])).tolist():
             for name in ("disparity", "confidence"):
-                file = temporary / f"{name}_v{v:0{digits}d}_u{u:0{digits}d}.pfm"
+                file = temporary / view_name(name, (v, u), (rows, columns), "pfm")
                 write_pfm(file, Record(getattr(maps, name)[v, u]))

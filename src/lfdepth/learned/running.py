@@ -96,6 +96,17 @@ def _changed(path: Path, name: str) -> int:
         ) from None
 
 
+def check_grid(name: str, grid: tuple[int, int], across: int) -> None:
+    """Raise LightFieldError unless there are as many views along either axis as a network takes."""
+    if grid != (across, across):
+        remedy = "use a method that takes any grid, such as fbs-vis"
+        if min(grid) >= across:
+            remedy = f"take the middle ones with --views {across}x{across}"
+        raise LightFieldError(
+            f"{name}: found {grid[0]}x{grid[1]} views, expected {across}x{across}; {remedy}"
+        )
+
+
 def stack_views(across: int) -> list[Position]:
     """The views that EPINET looks at, each once."""
     return list(dict.fromkeys(position for stack in stacks(across) for position in stack))

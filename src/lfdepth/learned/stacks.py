@@ -10,9 +10,6 @@ import numpy.typing as npt
 Position = tuple[int, int]
 """(v, u), counted from the reference view."""
 
-GREY = (0.299, 0.587, 0.114)
-"""Weights of red, green and blue in the grey views that the nets see."""
-
 
 def stacks(across: int) -> tuple[tuple[Position, ...], ...]:
     """Views (v, u) of each stack, in the order of its channels.

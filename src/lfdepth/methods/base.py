@@ -134,6 +134,10 @@ class Method:
         """Its parameters by name."""
         return asdict(self)
 
+    def as_dict(self) -> dict[str, Any]:
+        """Its name and parameters, as files and `--json` tell them."""
+        return {"name": self.name, **self.parameters()}
+
     def planes_for(self, searched: tuple[float, float], *, force: bool = False) -> NDArray[np.float64]:
         """Planes (K,) for a range: from its parameters `step` and `planes`, or else the two ends.
 

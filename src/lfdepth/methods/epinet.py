@@ -8,8 +8,15 @@ from typing import Annotated, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.errors import LightFieldError
-from lfdepth.learned.running import TURNS, confidence, grey_views, network_of, predict, stack_views
+from lfdepth.learned.running import (
+    TURNS,
+    check_grid,
+    confidence,
+    grey_views,
+    network_of,
+    predict,
+    stack_views,
+)
 from lfdepth.learned.shape import EPINETS, EpinetShape
 from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
 from lfdepth.methods.parameters import Text, Whole
@@ -55,14 +62,7 @@ class Epinet(Method):
 
     def check(self, shape: Shape) -> None:
         """It takes nine views along either axis, and weights that fit."""
-        across = self.sizes.views
-        if shape[:2] != (across, across):
-            remedy = "use a method that takes any grid, such as fbs-vis"
-            if min(shape[:2]) >= across:
-                remedy = f"take the middle ones with --views {across}x{across}"
-            raise LightFieldError(
-                f"{self.name}: found {shape[0]}x{shape[1]} views, expected {across}x{across}; {remedy}"
-            )
+        check_grid(self.name, (shape[0], shape[1]), self.sizes.views)
         network_of(self.name, self.weights)
 
     def memory(self, shape: Shape, planes: NDArray[np.float64], sample_bytes: int) -> int:

@@ -8,9 +8,8 @@ from typing import Annotated, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.errors import LightFieldError
 from lfdepth.learned.lfattnet import CHANNELS, FEATURES, PLANES, SMALLEST, VIEWS
-from lfdepth.learned.running import confidence, grey_views, lfattnet_of, predict_views
+from lfdepth.learned.running import check_grid, confidence, grey_views, lfattnet_of, predict_views
 from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
 from lfdepth.methods.parameters import Text, Whole
 
@@ -43,13 +42,7 @@ class Lfattnet(Method):
 
     def check(self, shape: Shape) -> None:
         """It takes nine views along either axis, and weights that fit."""
-        if shape[:2] != (VIEWS, VIEWS):
-            remedy = "use a method that takes any grid, such as fbs-vis"
-            if min(shape[:2]) >= VIEWS:
-                remedy = f"take the middle ones with --views {VIEWS}x{VIEWS}"
-            raise LightFieldError(
-                f"{self.name}: found {shape[0]}x{shape[1]} views, expected {VIEWS}x{VIEWS}; {remedy}"
-            )
+        check_grid(self.name, (shape[0], shape[1]), VIEWS)
         lfattnet_of(self.weights)
 
     def memory(self, shape: Shape, planes: NDArray[np.float64], sample_bytes: int) -> int:

@@ -8,7 +8,8 @@ times those of the scene, plus an offset: few parameters, so that nothing of the
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -116,6 +117,18 @@ class Equalisation:
             "shading_power": self.power,
             "message": self.message,
         }
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Every attribute as an array, for files."""
+        return {each.name: np.asarray(getattr(self, each.name)) for each in fields(self)}
+
+    @classmethod
+    def of_arrays(cls, arrays: Mapping[str, NDArray[Any]]) -> Equalisation:
+        """What `arrays` gave."""
+        plain: dict[str, Any] = {
+            name: array if array.ndim else array.item() for name, array in arrays.items()
+        }
+        return cls(**plain)
 
     @property
     def message(self) -> str:

@@ -17,8 +17,9 @@ from lfdepth.engines import single, using
 from lfdepth.engines.layout import SURFACE_JUMP
 from lfdepth.errors import LightFieldError
 from lfdepth.io.atomic import atomic_folder
+from lfdepth.io.names import view_name
 from lfdepth.io.pixels import encode_png
-from lfdepth.io.record import checked_map
+from lfdepth.io.record import check_size, checked_map
 from lfdepth.lightfield import LightField
 
 if TYPE_CHECKING:
@@ -218,10 +219,9 @@ def write_masks(folder: str | Path, masks: NDArray[np.bool_], lf: LightField) ->
             f"{folder}: masks have shape {masks.shape}; expected {lf.shape[:4]}, a mask for each view of "
             f"{lf.name}; give both together"
         )
-    digits = max(2, len(str(max(masks.shape[:2]) - 1)))
     with atomic_folder(folder) as temporary:
         for (row, column), _, _ in _present_views(lf):
-            file = temporary / f"mask_v{row:0{digits}d}_u{column:0{digits}d}.png"
+            file = temporary / view_name("mask", (row, column), lf.shape[:2], "png")
             file.write_bytes(encode_png(masks[row, column]))
 
 
@@ -283,11 +283,7 @@ def _as_samples(picture: NDArray[np.float32], lf: LightField) -> NDArray[Any]:
 def _checked_map(disparity_map: Result | NDArray[Any], lf: LightField) -> NDArray[np.float32]:
     values = disparity_map if isinstance(disparity_map, np.ndarray) else disparity_map.disparity
     values = checked_map(values, "disparity_map")
-    if values.shape != (lf.height, lf.width):
-        raise LightFieldError(
-            f"disparity_map: found {values.shape[1]}x{values.shape[0]} px, expected {lf.width}x{lf.height} "
-            f"like the views of {lf.name}; apply the same crop and scale to both"
-        )
+    check_size(values, lf, "disparity_map")
     return np.ascontiguousarray(values)
 
 

@@ -13,6 +13,7 @@ from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lfdepth.errors import LightFieldError
 from lfdepth.methods import Method
@@ -95,23 +96,15 @@ class Job:
 
     def is_done(self) -> bool:
         """Whether the result is there; LightFieldError where it was made of something else."""
-        try:
-            with np.load(self.target) as found:
-                made_of = json.loads(str(found[PROVENANCE]))
-        except FileNotFoundError:
+        found = told_by(self.target, (PROVENANCE,), "a result of a batch")
+        if found is None:
             return False
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-            raise LightFieldError(
-                f"{self.target}: exists but is not a result of a batch ({error}); expected one, or nothing; "
-                "move it, or choose another folder"
-            ) from None
-        wanted = json.loads(json.dumps(self.provenance(), default=str))
-        if made_of != wanted:
-            raise LightFieldError(
-                f"{self.target}: exists, made with other settings ({difference(made_of, wanted)}); expected "
-                "the same; choose another folder, or remove it"
-            )
+        check_made_of(self.target, found[0], self.provenance())
         return True
+
+    def stamp(self) -> NDArray[Any]:
+        """`provenance` as an array, for the file of the result."""
+        return np.asarray(json.dumps(self.provenance(), sort_keys=True, default=str))
 
 
 def jobs_for(
@@ -188,10 +181,40 @@ def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-def difference(found: Any, wanted: Any, where: str = "") -> str:
+def told_by(path: Path, names: Sequence[str], what: str) -> list[Any] | None:
+    """The JSON that a result holds under these names; None where it is not there.
+
+    Raises
+    ------
+    LightFieldError
+        If the file is none of ours.
+    """
+    try:
+        with np.load(path) as found:
+            return [json.loads(str(found[name])) for name in names]
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+        raise LightFieldError(
+            f"{path}: exists but is not {what} ({' '.join(str(error).split())[:100]}); expected one, or "
+            "nothing; move it, or choose another folder"
+        ) from None
+
+
+def check_made_of(path: Path, found: Any, wanted: Any) -> None:
+    """Raise LightFieldError where a result says that it was made of something else than is wanted now."""
+    plain = json.loads(json.dumps(wanted, default=str))
+    if found != plain:
+        raise LightFieldError(
+            f"{path}: exists, made with other settings ({_difference(found, plain)}); expected the same; "
+            "choose another folder, or remove it"
+        )
+
+
+def _difference(found: Any, wanted: Any, where: str = "") -> str:
     """The first thing in which two nested dictionaries differ."""
     if isinstance(found, dict) and isinstance(wanted, dict):
         for key in sorted({*found, *wanted}):
             if found.get(key) != wanted.get(key):
-                return difference(found.get(key), wanted.get(key), key)
+                return _difference(found.get(key), wanted.get(key), key)
     return f"{where} {found} instead of {wanted}"

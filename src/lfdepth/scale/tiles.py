@@ -37,7 +37,7 @@ from lfdepth.probe.ranges import find_range
 from lfdepth.scale import pools
 from lfdepth.scale.jobs import PROVENANCE, Job, at_hand, jobs_for
 from lfdepth.scale.look import Look, look
-from lfdepth.scale.work import Outcome, check_room, run_alone, this_worker
+from lfdepth.scale.work import Outcome, check_room, finished, run_alone
 from lfdepth.trace import Progress, Trace
 
 Window = tuple[int, int, int, int]
@@ -52,7 +52,7 @@ _SHRUNK = 512  # px, the shorter side of what range and brightness are found on
 _SAMPLE = 512  # px, side of the window on which noise is measured
 _SMALLEST, _LARGEST, _MULTIPLE = 32, 4096, 32  # px, sides of tiles
 _PROCESS = 350_000_000  # bytes of an interpreter with its libraries and kernels
-_PROBE = "probe.npz"
+_PROBE, _EQUALISATION = "probe.npz", "equalisation_"
 
 
 @dataclass(frozen=True)
@@ -316,7 +316,7 @@ def _middle(seen: Look, side: int) -> Window:
 
 
 def _remember(file: Path, probe: _Probe, made_of: str) -> None:
-    arrays = {} if probe.equalisation is None else vars(probe.equalisation)
+    arrays = {} if probe.equalisation is None else probe.equalisation.arrays()
     with atomic(file) as temporary:
         np.savez(
             temporary,
@@ -325,7 +325,7 @@ def _remember(file: Path, probe: _Probe, made_of: str) -> None:
             ends=np.asarray(probe.range),
             noise=np.asarray(probe.noise),
             white=np.asarray(np.nan if probe.white is None else probe.white),
-            **{f"equalisation_{key}": np.asarray(value) for key, value in arrays.items()},
+            **{f"{_EQUALISATION}{key}": value for key, value in arrays.items()},
         )
 
 
@@ -339,12 +339,12 @@ def _remembered(file: Path, made_of: str | None) -> _Probe | None:
                 f"{file.parent}: has tiles of other settings; expected the same; remove it, or choose "
                 "another name for the map"
             )
-        prefix = "equalisation_"
-        parts = {key.removeprefix(prefix): found[key] for key in found.files if key.startswith(prefix)}
-        equal = None
-        if parts:
-            plain = {key: value.item() if value.ndim == 0 else value for key, value in parts.items()}
-            equal = Equalisation(**plain)
+        parts = {
+            key.removeprefix(_EQUALISATION): found[key]
+            for key in found.files
+            if key.startswith(_EQUALISATION)
+        }
+        equal = Equalisation.of_arrays(parts) if parts else None
         low, high = found["ends"].tolist()
         white = float(found["white"])
         return _Probe(
@@ -439,18 +439,9 @@ def _done(job: Job) -> Outcome:
     }
     if maps.sigma is not None:
         arrays["sigma"] = maps.sigma[inner]
-    made_of = np.asarray(json.dumps(job.provenance(), sort_keys=True, default=str))
     with atomic(job.target) as temporary:
-        np.savez(temporary, allow_pickle=False, **arrays, **{PROVENANCE: made_of})
-    return Outcome(
-        job.scene,
-        str(job.target),
-        "done",
-        shape=lf.shape,
-        range=probe.range,
-        seconds=time.perf_counter() - started,
-        worker=this_worker(),
-    )
+        np.savez(temporary, allow_pickle=False, **arrays, **{PROVENANCE: job.stamp()})
+    return finished(job, lf, probe.range, started)
 
 
 def _slices(window: Window) -> tuple[slice, slice]:
@@ -498,7 +489,7 @@ def _write_zarr(
                     if name not in arrays:
                         arrays[name] = group.create_array(name, shape=size, chunks=side, dtype=np.float32)
                     arrays[name][_slices(job.core)] = found[name]
-        parameters = json.dumps({"name": method.name, **method.parameters()})
+        parameters = json.dumps(method.as_dict())
         group.attrs.update({"unit": "px per view step", "range": list(probe.range), "parameters": parameters})
 
 

@@ -36,7 +36,7 @@ from lfdepth.probe.checks import MOST_UNEVEN
 from lfdepth.probe.ranges import find_range
 from lfdepth.result import Result
 from lfdepth.scale.frames import Frame, find_frames
-from lfdepth.scale.jobs import THUMBNAILS, difference
+from lfdepth.scale.jobs import THUMBNAILS, check_made_of, told_by
 from lfdepth.table import Column, Table
 from lfdepth.trace import Progress
 from lfdepth.version import __version__
@@ -44,7 +44,7 @@ from lfdepth.version import __version__
 Range = tuple[float, float]
 
 PREVIEW, INDEX, TABLE = "preview.webp", "index.json", "index.csv"
-_STATE = ".lfdepth-video"
+_STATE, _BRIGHTNESS = ".lfdepth-video", "brightness_"
 _MADE_OF, _FACTS = "video", "frame"
 """Names of the arrays in a map that say what it was made of, and what was found in its frame."""
 _CUT = 0.5
@@ -356,7 +356,7 @@ class _Run:
         plain = {
             "frame": frame.name,
             "lfdepth": __version__,
-            "method": {"name": self.method.name, **self.method.parameters()},
+            "method": self.method.as_dict(),
             "stabilise": self.stabilise,
             "range": self.range,
             "engine": self.engine,
@@ -383,22 +383,11 @@ class _Run:
 
     def _done(self, number: int, frame: Frame) -> Outcome | None:
         path = self.target(number)
-        try:
-            with np.load(path) as found:
-                made_of, facts = (json.loads(str(found[name])) for name in (_MADE_OF, _FACTS))
-        except FileNotFoundError:
+        found = told_by(path, (_MADE_OF, _FACTS), "a map of a video")
+        if found is None:
             return None
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-            raise LightFieldError(
-                f"{path}: exists but is not a map of a video ({' '.join(str(error).split())[:100]}); "
-                "expected one, or nothing; move it, or choose another folder"
-            ) from None
-        wanted = self.made_of(frame)
-        if made_of != wanted:
-            raise LightFieldError(
-                f"{path}: exists, made with other settings ({difference(made_of, wanted)}); expected the "
-                "same; choose another folder, or remove it"
-            )
+        made_of, facts = found
+        check_made_of(path, made_of, self.made_of(frame))
         return _outcome(frame, path, "there", facts)
 
     def _write(
@@ -424,7 +413,6 @@ class _Run:
         with atomic(_thumbnail(self.target(number))) as temporary:
             view.save(temporary, "WEBP", quality=90)
         record = as_record(result)
-        arrays = {"disparity": record.values, "confidence": record.confidence, "sigma": record.sigma}
         words = {
             "parameters": record.parameters,
             _MADE_OF: json.dumps(self.made_of(frame), sort_keys=True),
@@ -435,7 +423,7 @@ class _Run:
                 temporary,
                 allow_pickle=False,
                 range=np.asarray(result.range),
-                **{key: value for key, value in arrays.items() if value is not None},
+                **record.arrays(),
                 **{key: np.asarray(value) for key, value in words.items()},
             )
         if number:
@@ -500,7 +488,7 @@ def _state_arrays(known: Known) -> dict[str, NDArray[Any]]:
     }
     arrays |= {f"past_{each.name}": getattr(known.past, each.name) for each in fields(Past)}
     if (found := known.equalisation) is not None:
-        arrays |= {f"brightness_{each.name}": getattr(found, each.name) for each in fields(Equalisation)}
+        arrays |= {f"{_BRIGHTNESS}{name}": array for name, array in found.arrays().items()}
     return {key: np.asarray(value) for key, value in arrays.items()}
 
 
@@ -509,14 +497,11 @@ def _read_state(path: Path) -> Known | None:
     try:
         with np.load(path) as found:
             arrays = dict(found)
-        equalisation = None
-        if "brightness_gain" in arrays:
-            equalisation = Equalisation(
-                **{
-                    each.name: value if (value := arrays[f"brightness_{each.name}"]).ndim else value.item()
-                    for each in fields(Equalisation)
-                }
-            )
+        parts = {
+            name.removeprefix(_BRIGHTNESS): each
+            for name, each in arrays.items()
+            if name.startswith(_BRIGHTNESS)
+        }
         low, high = arrays["range"].tolist()
         white = float(arrays["white"])
         return Known(
@@ -525,10 +510,10 @@ def _read_state(path: Path) -> Known | None:
             range=(low, high),
             noise=float(arrays["noise"]),
             uneven=float(arrays["uneven"]),
-            equalisation=equalisation,
+            equalisation=Equalisation.of_arrays(parts) if parts else None,
             past=Past(**{each.name: arrays[f"past_{each.name}"] for each in fields(Past)}),
         )
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+    except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile):
         return None
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import socket
 import time
@@ -10,7 +9,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,6 +17,7 @@ from lfdepth.estimation import estimate
 from lfdepth.io import read
 from lfdepth.io.atomic import atomic, make_folder
 from lfdepth.io.record import as_record
+from lfdepth.lightfield import LightField
 from lfdepth.memory import available_memory, size_text
 from lfdepth.result import Result
 from lfdepth.scale.jobs import PROVENANCE, Job, at_hand
@@ -105,24 +104,26 @@ def _done(job: Job) -> Outcome:
     with at_hand(job.scene) as path:
         lf = read(path, **job.reading)
         chosen = job.chosen()
-        if lf.disparity_range is not None or job.settings.get("range") is not None:
-            check_room(job, chosen.memory(lf.shape, chosen.planes_for(_range(job, lf)), lf.views.itemsize))
+        ends = job.settings.get("range") or lf.disparity_range
+        if ends is not None:
+            planes = chosen.planes_for((float(ends[0]), float(ends[1])))
+            check_room(job, chosen.memory(lf.shape, planes, lf.views.itemsize))
         result = estimate(lf, chosen, threads=job.threads, **job.settings)
     _write(job, result)
+    return finished(job, lf, result.range, started)
+
+
+def finished(job: Job, lf: LightField, range: tuple[float, float], started: float) -> Outcome:
+    """The outcome of a job whose result is written."""
     return Outcome(
         job.scene,
         str(job.target),
         "done",
         shape=lf.shape,
-        range=result.range,
+        range=range,
         seconds=time.perf_counter() - started,
         worker=this_worker(),
     )
-
-
-def _range(job: Job, lf: Any) -> tuple[float, float]:
-    low, high = job.settings.get("range") or lf.disparity_range
-    return float(low), float(high)
 
 
 def check_room(job: Job, needed: int) -> None:
@@ -141,22 +142,16 @@ def _write(job: Job, result: Result) -> None:
     The result holds nothing that changes from run to run, such as a run time.
     """
     record = as_record(result)
-    arrays = {"disparity": record.values, "confidence": record.confidence, "sigma": record.sigma}
     facts = {
         "range": np.asarray(result.range),
         "parameters": np.asarray(record.parameters),
-        PROVENANCE: np.asarray(json.dumps(job.provenance(), sort_keys=True, default=str)),
+        PROVENANCE: job.stamp(),
     }
     make_folder(job.thumbnail.parent)
     with atomic(job.thumbnail) as temporary:
         _thumbnail(result, temporary)
     with atomic(job.target) as temporary:
-        np.savez(
-            temporary,
-            allow_pickle=False,
-            **{key: value for key, value in arrays.items() if value is not None},
-            **facts,
-        )
+        np.savez(temporary, allow_pickle=False, **record.arrays(), **facts)
 
 
 def _thumbnail(result: Result, path: Path) -> None:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from lfdepth.lightfield import LightField
+    from lfdepth.scenes.model import Scene
     from lfdepth.scenes.rendering import Rendering
     from lfdepth.truth import HighResolution
 
@@ -202,14 +203,11 @@ def high_resolution(name: str, *, size: int | tuple[int, int] = 256, seed: int =
     >>> scenes.high_resolution("bars", size=32).truth.shape
     (320, 320)
     """
-    _check(name in NAMES, f"scene {name!r} is not procedural; expected one of {', '.join(NAMES)}")
-    height, width = _pixels(size)
-    _check(seed >= 0, f"seed is {seed}; expected an integer >= 0")
+    scene, pixels = _procedural(name, size, seed)
     from lfdepth.scenes import rendering
     from lfdepth.truth import FACTOR, HighResolution
 
-    scene = _RECIPES[name].build(Stage(height, width, seed))
-    return HighResolution(*rendering.geometry(scene, (height, width), FACTOR))
+    return HighResolution(*rendering.geometry(scene, pixels, FACTOR))
 
 
 def truth_of_views(
@@ -238,13 +236,19 @@ def truth_of_views(
     >>> bool((truths[2, 2] == scenes.render("bars", size=64, views=5).truth).all())
     True
     """
-    _check(name in NAMES, f"scene {name!r} is not procedural; expected one of {', '.join(NAMES)}")
-    height, width = _pixels(size)
     grid = _pair(views, "views", 3, MOST_VIEWS)
-    _check(seed >= 0, f"seed is {seed}; expected an integer >= 0")
+    scene, pixels = _procedural(name, size, seed)
     from lfdepth.scenes import rendering
 
-    return rendering.truths(_RECIPES[name].build(Stage(height, width, seed)), (height, width), grid)
+    return rendering.truths(scene, pixels, grid)
+
+
+def _procedural(name: str, size: int | tuple[int, int], seed: int) -> tuple[Scene, tuple[int, int]]:
+    """A procedural scene and its (height, width)."""
+    _check(name in NAMES, f"scene {name!r} is not procedural; expected one of {', '.join(NAMES)}")
+    height, width = _pixels(size)
+    _check(seed >= 0, f"seed is {seed}; expected an integer >= 0")
+    return _RECIPES[name].build(Stage(height, width, seed)), (height, width)
 
 
 def video(

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import torch
 
-from lfdepth.learned.stacks import GREY, Position, turned
+from lfdepth.learned.stacks import Position, turned
+from lfdepth.lightfield import LUMA
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class Batches:
         self.variation, self.generator = variation, generator
         self.device = generator.device
         turns = [turned(positions, bool(g & 1), bool(g & 2), bool(g & 4)) for g in range(8)]
-        self._luma = torch.tensor(GREY, device=self.device)
+        self._luma = torch.tensor(LUMA, device=self.device)
         self.turns = torch.as_tensor([list(map(int, turn)) for turn in turns], device=self.device)
 
     def draw(

@@ -278,11 +278,11 @@ def _step(state: _State, window: Window, batches: Batches, steps: int) -> float:
 @torch.no_grad()
 def _scores(state: _State, views: torch.Tensor, truth: torch.Tensor) -> list[float]:
     """Shares of bad pixels, %, and the mean absolute error, on scenes without variation."""
-    from lfdepth.learned.stacks import GREY
+    from lfdepth.lightfield import LUMA
 
     state.net.eval()
     errors, border = [], state.chosen.border
-    weights = torch.tensor(GREY, device=views.device) / 255
+    weights = torch.tensor(LUMA, device=views.device) / 255
     for i in range(len(views)):
         found = state.net(state.chosen.arranged(views[i : i + 1].float() @ weights))
         inner = slice(border, truth.shape[1] - border)

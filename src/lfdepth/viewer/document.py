@@ -56,12 +56,7 @@ class ShownMap:
 
     def layers(self) -> dict[str, NDArray[np.float32]]:
         """Its (H, W) arrays by name."""
-        named = {
-            "disparity": self.record.values,
-            "confidence": self.record.confidence,
-            "sigma": self.record.sigma,
-        }
-        return {name: array for name, array in named.items() if array is not None}
+        return self.record.arrays()
 
 
 def shown_map(source: Result | Record | NDArray[Any], lf: LightField, identity: int, name: str) -> ShownMap:
@@ -91,7 +86,7 @@ def shown_map(source: Result | Record | NDArray[Any], lf: LightField, identity: 
     if values.shape != (lf.height, lf.width):
         raise LightFieldError(
             f"{name}: is a map of {values.shape[1]}x{values.shape[0]} px; expected {lf.width}x{lf.height} "
-            f"like the views of {lf.name}; crop and scale both alike"
+            f"like the views of {lf.name}; apply the same crop and scale to both"
         )
     if isinstance(source, Record | np.ndarray):
         return ShownMap(identity, name, record, record, {"range": list(record.range or span(values))})

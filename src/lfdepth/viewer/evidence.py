@@ -22,7 +22,7 @@ from lfdepth.blocks.sweep import smoothed_votes
 from lfdepth.engines import single
 from lfdepth.engines.layout import VISIBILITY_MARGIN
 from lfdepth.errors import LightFieldError
-from lfdepth.io.record import Record, as_record
+from lfdepth.io.record import Record, as_record, check_size
 from lfdepth.lightfield import LightField, check_range
 from lfdepth.methods.fbs_vis import FbsVis
 from lfdepth.pictures import span
@@ -190,11 +190,7 @@ class Explainer:
     def __init__(self, lf: LightField, disparity_map: Result | Record | NDArray[Any]) -> None:
         self._record = record = as_record(disparity_map)
         self._map = record.values
-        if self._map.shape != (lf.height, lf.width):
-            raise LightFieldError(
-                f"disparity_map: found {self._map.shape[1]}x{self._map.shape[0]} px, expected "
-                f"{lf.width}x{lf.height} like the views of {lf.name}; crop and scale both alike"
-            )
+        check_size(self._map, lf, "disparity_map")
         own = _own_method(record)
         self._method, self._elsewhere = own or FbsVis(), own is None
         self._range = record.range or lf.disparity_range or span(self._map)
