@@ -73,6 +73,24 @@ def test_cae_is_what_its_paper_says(regulariser: str) -> None:
     assert share_alike(disparity, planes[np.argmin(volume, axis=0)]) > 0.97
 
 
+def test_the_other_cost_of_cae_is_what_its_paper_says() -> None:
+    """Defocus of every label, lent to pixels of the same colour."""
+    lf = field(8, grid=(3, 5), size=(14, 17))
+    planes = np.linspace(1, -1, 5)
+    trace = Trace(keep=("costs",))
+    found(lf, "cae", planes=5, cost="defocus", trace=trace)
+    expected = naive_costs.adaptive_defocus(lf.views, planes, lf.available)
+    np.testing.assert_allclose(trace.kept["costs"][0], expected, rtol=1e-4, atol=1e-5)
+
+
+def test_adaptive_defocus_finds_two_planes() -> None:
+    """Either plane at the label beside it, but beside the jump."""
+    lf = field(9, size=(40, 44))
+    disparity = found(lf, "cae", cost="defocus")
+    near = np.minimum(np.abs(disparity - 0.8), np.abs(disparity + 0.6)) < 0.15
+    assert near.mean() > 0.8
+
+
 @pytest.mark.parametrize("stacks", ["partial", "whole"])
 def test_ofsy_is_what_its_paper_says(stacks: str) -> None:
     lf = field(3, size=(16, 20))

@@ -1,19 +1,20 @@
-"""CAE: constrained angular entropy."""
+"""CAE: constrained angular entropy, or constrained adaptive defocus."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lfdepth.blocks.defocus import Defocus
 from lfdepth.blocks.labels import cheapest, neighbour_weights, truncated_linear
 from lfdepth.blocks.smoothing import GuidedFilter, guide_image
 from lfdepth.engines.base import Array, Engine
 from lfdepth.methods import common, labels
 from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
-from lfdepth.methods.parameters import Real, Whole
+from lfdepth.methods.parameters import Real, Whole, Word
 
 _STEPS = 225
 """Steps in which costs and colour distances are counted."""
@@ -43,6 +44,13 @@ class Cae(Method):
     )
 
     planes: labels.Labels = 75
+    cost: Annotated[
+        Literal["entropy", "defocus"],
+        Word(
+            "Cost of a label: constrained angular entropy, or the paper's other one, constrained adaptive "
+            "defocus."
+        ),
+    ] = "entropy"
     sigma: Annotated[
         float,
         Real(
@@ -84,14 +92,11 @@ class Cae(Method):
         """Entropies, smoothed, and the labels of least energy."""
         lf, planes, engine, trace = problem.lf, problem.planes, work.engine, work.trace
         trace.steps(2 * len(planes) + 1)
-        with trace.block("preparation"):
-            views = engine.colour_views(lf, float(np.abs(planes).max()))
-            volume = engine.empty((len(planes), *problem.size), np.float32)
-        for index, plane in enumerate(planes):
-            with trace.block("entropy"):
-                engine.angular_entropy(views, float(plane), self.sigma, volume[index])
-            trace.step("plane")
-        del views
+        volume = engine.empty((len(planes), *problem.size), np.float32)
+        if self.cost == "entropy":
+            self._entropies(volume, problem, work)
+        else:
+            _defocus(volume, problem, work)
         trace.take("costs", lambda: engine.download(volume))
         guide = guide_image(lf, "colour")
         with trace.block("smoothing"):
@@ -111,6 +116,15 @@ class Cae(Method):
         trace.step("decision")
         return Maps(disparity, confidence)
 
+    def _entropies(self, volume: Array, problem: Problem, work: Work) -> None:
+        """Costs of all labels by constrained angular entropy."""
+        with work.trace.block("preparation"):
+            views = work.engine.colour_views(problem.lf, float(np.abs(problem.planes).max()))
+        for index, plane in enumerate(problem.planes):
+            with work.trace.block("entropy"):
+                work.engine.angular_entropy(views, float(plane), self.sigma, volume[index])
+            work.trace.step("plane")
+
     def _paths(self, volume: Array, guide: NDArray[np.float32], engine: Engine) -> Array:
         """Energies summed over scanline paths."""
         low, high = _extremes(volume, engine)
@@ -126,6 +140,17 @@ class Cae(Method):
         weights = np.float32(_NEAR) * (np.float32(_STEPS) - steps)
         engine.line_paths(counted, weights, truncated_linear(self.smoothness, self.cut))
         return counted
+
+
+def _defocus(volume: Array, problem: Problem, work: Work) -> None:
+    """Costs of all labels by constrained adaptive defocus."""
+    defocus = Defocus(problem.lf, work.engine)
+    for index, plane in enumerate(problem.planes):
+        with work.trace.block("defocus"):
+            volume[index] = work.engine.upload(defocus.mean(float(plane)))
+        work.trace.step("plane")
+    with work.trace.block("defocus"):
+        defocus.lend(volume)
 
 
 def _extremes(volume: Array, engine: Engine) -> tuple[np.float32, np.float32]:
