@@ -12,6 +12,7 @@ import numpy.typing as npt
 from lfdepth.errors import LightFieldError
 from lfdepth.io.layout import size
 from lfdepth.io.limits import read_text
+from lfdepth.lightfield import reference_index
 
 Array = npt.NDArray[np.float64]
 
@@ -109,7 +110,7 @@ def off_the_grid(positions: Array, present: npt.NDArray[np.bool_] | None, what: 
             "along columns; fix the positions"
         )
     offsets = min(known, key=lambda fit: float(np.abs(fit).max()))
-    offsets -= offsets[positions.shape[0] // 2, positions.shape[1] // 2]
+    offsets -= offsets[reference_index(positions.shape[:2])]
     offsets[~there] = 0
     furthest = float(np.abs(offsets).max())
     if furthest > _IN_PLACE:

@@ -139,7 +139,7 @@ def assemble(source: ViewSource, selection: Selection) -> LightField:
 def _assemble(source: ViewSource, selection: Selection) -> LightField:
     stored = _stored_positions(source, selection)
     present = None if source.present is None else source.present.reshape(-1)[stored]
-    reference = divmod(int(stored[stored.shape[0] // 2, stored.shape[1] // 2]), source.grid[1])
+    reference = divmod(int(stored[reference_index(stored.shape)]), source.grid[1])
     if source.present is not None and not source.present[reference]:
         raise LightFieldError(
             f"{source.describe(*reference)}: the reference view is missing; expected it to be present; read "
@@ -159,7 +159,7 @@ def _assemble(source: ViewSource, selection: Selection) -> LightField:
         first = window.view(whole)
     views = np.zeros((*stored.shape, *first.shape), dtype=first.dtype)
     peaks = np.zeros(stored.shape)
-    peaks[stored.shape[0] // 2, stored.shape[1] // 2] = whole.max(initial=0)
+    peaks[reference_index(stored.shape)] = whole.max(initial=0)
 
     def load(index: tuple[int, ...]) -> None:
         if present is not None and not present[index]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from lfdepth.errors import LightFieldError
-from lfdepth.lightfield import LightField
+from lfdepth.lightfield import LightField, reference_index
 from lfdepth.pictures import (
     DISPARITY_LABEL,
     Bar,
@@ -119,7 +119,7 @@ class Study:
     @property
     def reference(self) -> Array:
         """The shown part of the reference view."""
-        return self.inner.of(self.views[self.views.shape[0] // 2, self.views.shape[1] // 2])
+        return self.inner.of(self.views[reference_index(self.views.shape[:2])])
 
     @property
     def disparity(self) -> float:
@@ -285,18 +285,18 @@ def figure5(found: Study) -> Pixels:
     from lfdepth.blocks.reparam import reparameterise
 
     earlier = max(0, found.plane - found.skip)
-    rows, columns = found.views.shape[:2]
+    row, column = reference_index(found.views.shape[:2])
     whole = np.zeros(found.views.shape[2:4], np.float32)
     whole[found.inner.rows, found.inner.columns] = found.foreground(OCCLUSION, earlier)
     masks = mask_4d(
-        whole, found_at=float(found.planes[earlier]), wanted_at=found.disparity, views=(rows, columns)
+        whole, found_at=float(found.planes[earlier]), wanted_at=found.disparity, views=found.views.shape[:2]
     )
     shifted = reparameterise(found.views, found.disparity)
     scale = {"uint8": 1.0, "uint16": 1 / 257}.get(found.views.dtype.name, 255.0)
     lines = []
-    for v, u in ((rows // 2, columns // 2), (0, 0)):  # centre and corner
+    for v, u in ((row, column), (0, 0)):  # centre and corner
         view = np.rint(shifted[v, u] * scale).astype(np.uint8)
-        place = f"u = {u - columns // 2}, v = {v - rows // 2}".replace("-", "−")
+        place = f"u = {u - column}, v = {v - row}".replace("-", "−")
         cells = [
             (view_colours(found.views[v, u]), f"view {place}"),
             (view_colours(view), "the same at plane k"),
