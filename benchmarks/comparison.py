@@ -21,7 +21,7 @@ from lfdepth.bench.charts import COLOURS, Axis, Point, point_chart
 from lfdepth.bench.plan import SceneSpec
 from lfdepth.bench.results import Bench, SceneResult
 from lfdepth.bench.run import bench
-from lfdepth.methods import NAMES
+from lfdepth.methods import LEARNED, NAMES, WITHOUT_WEIGHTS
 from lfdepth.paper.experiments import SUBSTITUTED
 from lfdepth.pictures import PanelRow, panel
 from lfdepth.scoring.captions import score_line
@@ -118,7 +118,7 @@ def page(result: Bench, names: Sequence[str], command: str) -> str:
         "BadPix and AUSE in %; lower is better everywhere. [Compared methods](compared-methods.md) says how",
         "each works and what of it is ours; those marked * have steps that are not the original's:",
         "",
-        *(f"- {name}: {what}." for name, what in SUBSTITUTED.items()),
+        *(f"- {name}: {what}." for name, what in SUBSTITUTED.items() if name in names),
         "",
     ]
     for title, found in (("Scenes of the 4D Light Field Benchmark", real), ("Procedural scenes", suite)):
@@ -147,7 +147,8 @@ def main() -> None:
     parser.add_argument("--methods", nargs="+", default=["all"])
     parser.add_argument("--cache", type=Path, default=Path(tempfile.gettempdir()) / "lfdepth-comparison")
     chosen = parser.parse_args()
-    names = list(NAMES) if "all" in chosen.methods else chosen.methods
+    every = [*NAMES, *(name for name in LEARNED if name not in WITHOUT_WEIGHTS)]
+    names = every if "all" in chosen.methods else chosen.methods
     wanted = [name for each in chosen.scenes for name in (scenes.NAMES if each == "suite" else (each,))]
     found = bench(
         list(specs(chosen.data, wanted, chosen.size)),
