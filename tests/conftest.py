@@ -1,3 +1,4 @@
+import signal
 from collections import defaultdict
 from pathlib import Path
 
@@ -9,6 +10,11 @@ DATA = Path(__file__).resolve().parents[2] / "shared/data"
 # How long an example takes says nothing on a machine that is busy, or where it compiles kernels.
 settings.register_profile("no-deadline", deadline=None)
 settings.load_profile("no-deadline")
+
+# Shells make what they start in the background deaf to SIGINT, and so all that is started from there: tests of
+# Ctrl-C would wait for ever.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")

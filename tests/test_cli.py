@@ -908,13 +908,7 @@ def process(*words: str, **variables: str) -> subprocess.Popen[str]:
         text=True,
         encoding="utf-8",
         env={**os.environ, "PYTHONUTF8": "1", **variables},
-        preexec_fn=None if os.name == "nt" else _mind_interrupts,
     )
-
-
-def _mind_interrupts() -> None:
-    """Shells make what they start in the background deaf to SIGINT, and so all that is started from there."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGINT for a single process")
