@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,19 +67,19 @@ class PathBorders:
         """
         number = len(self.leaving)
         entering = self.entering[number] if number < len(self.entering) else {}
-        lines = {side: _line(side, self.entries[side]) for side in entering}
-        kept = [
-            (line, np.array(engine.download(signs[line])), weight[line[1:]].copy()) for line in lines.values()
-        ]
-        for side, line in lines.items():
-            signs[line] = engine.upload(entering[side])
-            weight[line[1:]] = 0
+        lines = [(_line(side, self.entries[side]), costs) for side, costs in entering.items()]
+        kept = []
+        for line, costs in lines:
+            part = (slice(None), *line)
+            kept.append((line, np.array(engine.download(signs[part])), weight[line].copy()))
+            _put(signs[part], costs.reshape(kept[-1][1].shape), engine)
+            weight[line] = 0
         try:
             yield self._cut(guide)
         finally:
             for line, before, own in kept:
-                signs[line] = engine.upload(before)
-                weight[line[1:]] = own
+                _put(signs[(slice(None), *line)], before, engine)
+                weight[line] = own
 
     def _cut(self, guide: NDArray[np.float32]) -> NDArray[np.float32]:
         """A guide with a channel more, across which nothing gets from outside the entries."""
@@ -106,10 +106,15 @@ class PathBorders:
         )
 
 
-def _line(side: Side, at: int) -> tuple[Any, Any, Any]:
-    """A line of a volume (K, H, W), a column or a row by the side that it is counted for."""
-    every = slice(None)
-    return (every, every, at) if side in ("left", "right") else (every, at, every)
+def _line(side: Side, at: int) -> tuple[slice, slice]:
+    """A line of an image, a column or a row by the side that it is counted for."""
+    every, one = slice(None), slice(at, at + 1)
+    return (every, one) if side in ("left", "right") else (one, every)
+
+
+def _put(volume: Array, values: NDArray[np.float32], engine: Engine) -> None:
+    """Replace a volume by one on the host."""
+    engine.put_where(volume, np.ones(values.shape[1:], np.bool_), engine.upload(values))
 
 
 def _beyond(side: Side, at: int) -> tuple[slice, slice]:
@@ -151,7 +156,9 @@ def _leaving(
 
         energy = total(slice(at, at + 1)) / 4  # of one line, all four paths are energies
         costs = total(behind) - 3 * energy
-        found.append((costs - costs.min(axis=1, keepdims=True)).T / np.float32(ENERGY_SCALE))
+        costs -= costs.min(axis=1, keepdims=True)
+        # Engines count whole units and cut off what is beyond: a little more, so that none gets lost.
+        found.append((costs + np.float32(0.25) * (costs > 0)).T / np.float32(ENERGY_SCALE))
     return np.ascontiguousarray(np.concatenate(found, axis=1))
 
 

@@ -53,7 +53,8 @@ HALO = 48
 SEAM_APART = 0.02
 """Px per view step from which on two tiles say something different."""
 MOST_APART = 0.005
-"""Share of the pixels along borders of tiles that may be apart before a warning."""
+"""Share of the pixels along a border of tiles that may be apart: beyond it, both are done again; if it is that
+of all borders in the end, it is a warning."""
 ENDINGS = (".zarr", ".tif", ".tiff", ".npy")
 """Formats that are written tile by tile."""
 _SHRUNK = 512  # px, the shorter side of what range and brightness are found on
@@ -65,8 +66,6 @@ _BORDER, _PATHS = "border_", "paths_"
 """What the names of arrays in a tile's file begin with: its map at its borders, and paths that leave it."""
 _ROUNDS = 3
 """How often tiles that differ from their neighbours are done again at most."""
-_REDONE = 0.001
-"""Share of the pixels along a border that are apart for which both its tiles are done again."""
 _SEAM = 4
 """Px on either side of a border that are compared."""
 _LATTICE = 24
@@ -530,7 +529,7 @@ def _compared(tiles: Sequence[TileJob]) -> tuple[float, set[Window]]:
             with np.load(job.target) as one, np.load(other.target) as two:
                 difference = np.abs(one[f"{_BORDER}{side}"] - two[f"{_BORDER}{_OPPOSITE[side]}"]) > SEAM_APART
             pixels, apart = pixels + difference.size, apart + int(difference.sum())
-            if difference.any() and difference.mean() > _REDONE:
+            if difference.any() and difference.mean() > MOST_APART:
                 disputed |= {job.core, other.core}
     return apart / max(pixels, 1), disputed
 
