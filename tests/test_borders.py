@@ -12,7 +12,7 @@ from lfdepth import engines
 from lfdepth.blocks.borders import PathBorders, Side
 
 PLANES, HEIGHT, WIDTH = 7, 40, 44
-PENALTIES = {"slope": 0.3, "jump": 2.0, "sharpness": 20.0, "noise": 0.01}
+PENALTIES: dict[str, Any] = {"slope": 0.3, "jump": 2.0, "sharpness": 20.0, "noise": 0.01}
 
 
 def field() -> tuple[Any, ...]:

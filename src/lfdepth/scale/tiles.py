@@ -53,8 +53,8 @@ HALO = 48
 SEAM_APART = 0.02
 """Px per view step from which on two tiles say something different."""
 MOST_APART = 0.005
-"""Share of the pixels along a border of tiles that may be apart: beyond it, both are done again; if it is that
-of all borders in the end, it is a warning."""
+"""Share of the pixels along a border that may be apart before both its tiles are done again; and of all along
+borders, in the end, before there is a warning."""
 ENDINGS = (".zarr", ".tif", ".tiff", ".npy")
 """Formats that are written tile by tile."""
 _SHRUNK = 512  # px, the shorter side of what range and brightness are found on
