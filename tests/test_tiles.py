@@ -56,10 +56,42 @@ def test_tiles_make_the_whole_map(ending: str, saved: Path) -> None:
     assert not out.with_name(f"map{ending}.tiles").exists()
 
 
-def test_without_a_halo_seams_show(saved: Path) -> None:
+def test_without_a_halo_seams_show_and_are_told(saved: Path) -> None:
     out = saved.with_name("map.npy")
-    estimate_tiled(saved, out, tile=64, halo=0, **FAST)
-    assert np.mean(np.abs(read_disparity(out) - whole()) > 0.02) > 0.002
+    done = estimate_tiled(saved, out, tile=64, halo=0, **FAST)
+    assert np.mean(np.abs(read_disparity(out) - whole()) > 0.02) > 0.001
+    assert done.apart > tiles.MOST_APART
+    assert "allow more memory" in done.warnings[0]
+
+
+def plain_walls() -> LightField:
+    """A wall, of which only noise is seen over half of the width: paths decide."""
+    rng = np.random.default_rng(3)
+    texture = np.kron(rng.random((16, 48, 3)), np.ones((4, 4, 1)))
+    texture[:, 50:150] = 0.5
+    views = np.stack([[np.roll(texture, (v - 1, u - 1), (0, 1)) for u in range(3)] for v in range(3)])
+    noisy = views * 200 + rng.normal(0, 4, views.shape) + 20
+    return LightField(noisy.clip(0, 255).astype(np.uint8), disparity_range=(-1.5, 1.5))
+
+
+def test_paths_go_on_where_tiles_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without texture, tiles differ from the whole map; done again with their neighbours' paths, hardly."""
+    lf = plain_walls()
+    lfdepth.write(tmp_path / "field.npy", lf)
+    expected = lfdepth.estimate(lf, range=(-1.5, 1.5), check=False, equalise=False, **FAST).disparity
+    found = {}
+    for rounds in (0, 3):
+        monkeypatch.setattr(tiles, "_ROUNDS", rounds)
+        words: dict[str, Any] = {"tile": 64, "halo": 32, "range": (-1.5, 1.5), "equalise": False}
+        done = estimate_tiled(tmp_path / "field.npy", tmp_path / "map.npy", **words, **FAST)
+        off = np.mean(np.abs(read_disparity(tmp_path / "map.npy") - expected) > 0.02)
+        found[rounds] = done.again, done.apart, off
+    assert found[0][0] == 0
+    assert found[0][1] > 0.01
+    assert found[0][2] > 0.005
+    assert found[3][0] > 0
+    assert found[3][1] < tiles.MOST_APART
+    assert found[3][2] < 0.001
 
 
 @pytest.mark.slow

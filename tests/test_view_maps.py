@@ -209,13 +209,22 @@ def test_one_view_from_the_command_line(saved: Path) -> None:
     np.testing.assert_array_equal(read_disparity(out), expected)
 
 
+def test_one_view_of_all_from_the_command_line(saved: Path) -> None:
+    """By the road of all views: the map that the view has among theirs."""
+    out = saved.with_name("one.pfm")
+    words = ["estimate", str(saved), "-o", str(out), "--view", "0,2", "--all-views", "--effort", "fast"]
+    assert main([*words, "--threads", "1"]) == 0
+    expected = lfdepth.estimate_views(lfdepth.read(saved), threads=1, effort="fast").disparity[0, 2]
+    np.testing.assert_array_equal(read_disparity(out), expected)
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
         (["-o", "a.pfm", "--view", "7,0"], "view 7,0 asked for; expected a row from 0 to 2"),
         (["-o", "a.pfm", "--view", "7"], "expected V,U (row and column from 0)"),
         (["-o", "a.pfm", "--all-views"], "expected a name ending in .npz or .zarr, or a folder"),
-        (["-o", "a.npz", "--all-views", "--view", "0,0"], "--view: found with --all-views"),
+        (["-o", "a.npz", "--all-views", "--view", "0,7"], "view 0,7 asked for; expected a row from 0 to 2"),
         (["-o", "a.npz", "--all-views", "--quantity", "depth"], "--quantity: found with --all-views"),
     ],
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
@@ -160,3 +160,27 @@ class ViewMaps:
     reference: Result
     consistency: float
     runtime: float
+
+    def of(self, view: tuple[int, int]) -> Result:
+        """The map of one view, at row and column of the grid, as a result of its own.
+
+        Raises
+        ------
+        LightFieldError
+            If there is no such view.
+        """
+        rows, columns = self.disparity.shape[:2]
+        v, u = view
+        if not (0 <= v < rows and 0 <= u < columns):
+            raise LightFieldError(
+                f"view {v},{u} asked for; expected a row from 0 to {rows - 1} and a column from 0 to "
+                f"{columns - 1}; choose one of these"
+            )
+        return replace(
+            self.reference,
+            disparity=self.disparity[view],
+            confidence=self.confidence[view],
+            runtime=self.runtime,
+            sigma=None,
+            checks=None,
+        )

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfdepth.blocks.borders import PathBorders
 from lfdepth.blocks.gloss import WEIGHT, FineCount, outermost, replace_shares, suspects, touched
 from lfdepth.blocks.noise import Residual, ramp, residual, texture_weight, threshold_bounds
 from lfdepth.blocks.photo import local_thresholds, thinned
@@ -94,6 +95,8 @@ class JointEnergy:
     noise
         Levels at which views differ for no reason, where `lf` is a piece of the light field that they were
         measured in; None measures them here.
+    borders
+        How paths go on across the borders of such a piece; None where they begin and end there.
     """
 
     def __init__(
@@ -105,6 +108,7 @@ class JointEnergy:
         *,
         stride: int = 1,
         noise: Residual | None = None,
+        borders: PathBorders | None = None,
         engine: Engine | None = None,
         trace: Trace | None = None,
     ) -> None:
@@ -114,6 +118,7 @@ class JointEnergy:
         self._engine = engine or single()
         self._trace = trace or Trace()
         self._smoothing = smoothing
+        self._borders = borders
         self._available = lf.available
         grid = lf.shape[0], lf.shape[1]
         held = thinned(lf.available, sparse=False) | outermost(grid)  # views that any count looks at
@@ -229,7 +234,17 @@ class JointEnergy:
 
     def _smooth_paths(self, signs: Array, shares: Array, weight: NDArray[np.float32]) -> Array:
         """Energies (H, W, K) summed over the best paths from four sides."""
-        guide, rule = self._smoothing.guide, self.rule
+        guide, engine, borders = self._smoothing.guide, self._engine, self._borders
+        if borders is None:
+            return self._paths(signs, shares, weight, guide)
+        with borders.open(signs, weight, guide, engine) as cut:
+            borders.note(signs, shares, weight, cut, self._paths, engine)
+            return self._paths(signs, shares, weight, cut)
+
+    def _paths(
+        self, signs: Array, shares: Array, weight: NDArray[np.float32], guide: NDArray[np.float32]
+    ) -> Array:
+        rule = self.rule
         return self._engine.paths(
             signs,
             shares,
@@ -238,5 +253,5 @@ class JointEnergy:
             slope=min(rule.slope_penalty * self.stride, rule.jump_penalty),
             jump=rule.jump_penalty,
             sharpness=rule.edge_sharpness,
-            noise=self._residual.level * guide.shape[2],
+            noise=self._residual.level * self._smoothing.guide.shape[2],
         )

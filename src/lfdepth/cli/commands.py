@@ -125,7 +125,8 @@ def estimate(
     refine_positions
         Estimate twice: the first map is used to measure where each camera really is, off the regular grid.
     view
-        Estimate the map of another view than the reference view: its row and column in the grid, from 0.
+        Estimate the map of another view than the reference view: its row and column in the grid, from 0. With
+        --all-views, the map is the one that this view has among those of all.
     all_views
         Estimate the maps of all views, which agree with each other. The output is an .npz or .zarr with
         arrays (V, U, H, W), or a folder of .pfm files.
@@ -147,8 +148,8 @@ def estimate(
         settings["range"] = range
         _estimate_by_tiles(scene, output, chosen, memory, settings, reading, as_json)
         return
-    if all_views:
-        _check_all_views(view, quantity, mesh)
+    if all_views and view is None:
+        _check_all_views(quantity, mesh)
         check_view_maps_writable(output)
     else:
         check_writable(output)
@@ -173,15 +174,15 @@ def estimate(
             if refine_positions:
                 first = lfdepth.estimate(lf, chosen, range=range, progress=progress.step, **settings)
                 lf, range = refined(lf, first), first.range
+            maps, whole = None, lf
             if view is not None:
                 lf = lfdepth.from_view(lf, view)
-            maps = None
             if all_views:
-                maps = lfdepth.estimate_views(lf, chosen, range=range, progress=progress.step, **settings)
-                result = maps.reference
+                maps = lfdepth.estimate_views(whole, chosen, range=range, progress=progress.step, **settings)
+                result = maps.reference if view is None else maps.of(view)
             else:
                 result = lfdepth.estimate(lf, chosen, range=range, progress=progress.step, **settings)
-    if maps is not None:
+    if maps is not None and view is None:
         lfdepth.write(output, maps)
     else:
         lfdepth.write(output, result, scene=lf, quantity=quantity, mesh=mesh)
@@ -190,7 +191,8 @@ def estimate(
 
         write_preview(result.disparity, preview)
     written = [str(path) for path in (output, preview) if path is not None]
-    for warning in result.checks.warnings if result.checks else ():
+    checks = (result if maps is None else maps.reference).checks
+    for warning in checks.warnings if checks else ():
         print(f"warning: {warning}", file=sys.stderr)
     report(estimate_facts(lf, result, progress, written, maps), as_json, estimate_text)
 
@@ -587,13 +589,15 @@ def _estimate_by_tiles(
             progress=progress.step,
             **settings,
         )
+    for warning in done.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
     report(tiled_facts(scene, done), as_json, tiled_text)
 
 
-def _check_all_views(view: tuple[int, int] | None, quantity: Quantity, mesh: bool) -> None:
-    """Raise LightFieldError where an option is about one map, and all are asked for."""
-    if view is not None or quantity != "disparity" or mesh:
-        option = "--view" if view is not None else "--mesh" if mesh else "--quantity"
+def _check_all_views(quantity: Quantity, mesh: bool) -> None:
+    """Raise LightFieldError where an option is about one map, and all are written."""
+    if quantity != "disparity" or mesh:
+        option = "--mesh" if mesh else "--quantity"
         raise LightFieldError(f"{option}: found with --all-views; expected it with one map; leave one out")
 
 

@@ -104,6 +104,9 @@ def tiled_facts(scene: Path, done: Tiled) -> Facts:
         "done_before": done.there,
         "tile_px": done.tile,
         "halo_px": done.halo,
+        "done_again": done.again,
+        "apart_at_borders": done.apart,
+        "warnings": list(done.warnings),
         "runtime_s": done.seconds,
         "written": [str(done.output)],
     }
@@ -111,12 +114,15 @@ def tiled_facts(scene: Path, done: Tiled) -> Facts:
 
 def tiled_text(facts: Facts) -> str:
     """The same in words."""
-    before = f", {facts['done_before']} of them done before" if facts["done_before"] else ""
+    apart = f"{100 * facts['apart_at_borders']:.2g} %"
+    done = f", {facts['done_before']} of them done before" if facts["done_before"] else ""
+    done += f", {facts['done_again']} done again" if facts["done_again"] else ""
     return _aligned(
         {
             "scene": f"{facts['scene']}, {_shape_text(facts['shape'])}",
             "range": _range_text(facts["range"]),
-            "tiles": f"{facts['tiles']} of {facts['tile_px']} px and {facts['halo_px']} around{before}",
+            "tiles": f"{facts['tiles']} of {facts['tile_px']} px with {facts['halo_px']} around{done}",
+            "borders": f"tiles differ by more than 0.02 px on {apart} of the pixels there",
             "time": f"{facts['runtime_s']:.2f} s",
             "written": ", ".join(facts["written"]),
         }

@@ -8,6 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from lfdepth.blocks.borders import PathBorders
 from lfdepth.blocks.noise import Residual
 from lfdepth.blocks.planes import disparity_planes
 from lfdepth.engines.base import Engine
@@ -53,12 +54,16 @@ class Problem:
     noise
         How far views differ for no reason, where that was measured over more than this light field; None
         leaves it to the method.
+    borders
+        Where `lf` is a window of a larger light field: how paths enter it and leave it. Methods that know no
+        such paths leave it alone.
     """
 
     lf: LightField
     range: tuple[float, float]
     planes: NDArray[np.float64]
     noise: Residual | None = None
+    borders: PathBorders | None = None
 
     @property
     def size(self) -> tuple[int, int]:

@@ -165,6 +165,7 @@ class FbsVis(Method):
             engine=work.engine,
             trace=work.trace,
             noise=problem.noise,
+            borders=problem.borders,
         )
 
     @property

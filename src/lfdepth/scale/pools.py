@@ -6,10 +6,12 @@ Each yields outcomes as they come, one for each job, whatever happens to workers
 from __future__ import annotations
 
 import multiprocessing
+import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,6 +31,8 @@ _PAUSE = 1.0
 _WAITS = 60
 """How often a worker tries to find memory for a job."""
 
+_LIBRARIES = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+"""By which libraries of linear algebra are told, when they are loaded, how many threads to take."""
 
 Run = Callable[[Job], Outcome]
 """Does a job; raises CrowdedError for want of memory."""
@@ -58,8 +62,9 @@ def _in_pool(jobs: Sequence[Job], workers: int, run: Run, tries: dict[int, int])
     with ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn")) as pool:
         while waiting or running:
             while waiting and len(running) < (1 if tries[waiting[0]] else workers):
-                running[pool.submit(_waiting, jobs[waiting[0]], run)] = waiting[0]
-                del waiting[0]
+                number = waiting.pop(0)
+                with _libraries_on(jobs[number].threads):  # processes start when there is a job for them
+                    running[pool.submit(_waiting, jobs[number], run)] = number
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 number = running.pop(future)
                 try:
@@ -72,6 +77,18 @@ def _in_pool(jobs: Sequence[Job], workers: int, run: Run, tries: dict[int, int])
                     outcome = failed(jobs[number], _killed(jobs[number], error))
                 del tries[number]
                 yield outcome
+
+
+@contextmanager
+def _libraries_on(threads: int | None) -> Iterator[None]:
+    """Have the libraries of processes that start in the context take so many threads, unless told already."""
+    ours = {} if threads is None else {name: str(threads) for name in _LIBRARIES if name not in os.environ}
+    os.environ.update(ours)
+    try:
+        yield
+    finally:
+        for name in ours:
+            del os.environ[name]
 
 
 def _waiting(job: Job, run: Run) -> Outcome:

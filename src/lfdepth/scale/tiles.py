@@ -2,18 +2,21 @@
 
 What a whole field decides (range, brightness, noise) is found once, on a shrunken copy and on a window, and
 handed to all tiles. A tile is estimated from the window of all views that has a say in it: its own pixels, as
-far around them as views shift and as the method's windows and paths reach (`halo`). Every tile is a file of
-its own until all are there, so that the work goes on where it stopped, and any number of workers can share
-it; then they are put together, one by one.
+far around them as views shift and as the method's windows reach (`halo`). Every tile is a file of its own
+until all are there, so that the work goes on where it stopped, and any number of workers can share it.
+
+Paths that make disparities smooth reach farther than any halo where there is no texture. So neighbouring
+tiles are compared along their border, of which both have a map. Where they differ, they are done again, and
+paths enter them as they left their neighbours (`blocks.borders`), until they agree or that no longer helps.
+Then the tiles are put together, one by one.
 """
 
 from __future__ import annotations
 
 import json
-import shutil
 import time
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from math import ceil, prod
 from pathlib import Path
 from typing import Any
@@ -21,11 +24,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfdepth.blocks.borders import PathBorders, Side
 from lfdepth.blocks.noise import Residual, residual
 from lfdepth.engines import engine as start_engine
 from lfdepth.errors import LightFieldError
 from lfdepth.io import read
-from lfdepth.io.atomic import MANIFEST, atomic, atomic_folder, check_target, make_folder
+from lfdepth.io.atomic import MANIFEST, atomic, atomic_folder, check_target
 from lfdepth.io.extras import need, need_tifffile
 from lfdepth.io.zarr_store import writing
 from lfdepth.lightfield import LightField, check_range, grid_offsets
@@ -36,6 +40,7 @@ from lfdepth.probe.brightness import Equalisation, equalise, measure_brightness
 from lfdepth.probe.ranges import find_range
 from lfdepth.scale import pools
 from lfdepth.scale.jobs import PROVENANCE, Job, at_hand, jobs_for
+from lfdepth.scale.locks import Shared, alone
 from lfdepth.scale.look import Look, look
 from lfdepth.scale.work import Outcome, check_room, finished, run_alone
 from lfdepth.trace import Progress, Trace
@@ -44,8 +49,12 @@ Window = tuple[int, int, int, int]
 """(x, y, width, height), px."""
 
 HALO = 48
-"""Px around a tile, beside the shifts of the views: beyond it, paths and fits change next to nothing
-(docs/scale.md)."""
+"""Px around a tile, beside the shifts of the views: as far as windows and fits reach (docs/scale.md)."""
+SEAM_APART = 0.02
+"""Px per view step from which on two tiles say something different."""
+MOST_APART = 0.005
+"""Share of the pixels along a border that may be apart before both its tiles are done again; and of all along
+borders, in the end, before there is a warning."""
 ENDINGS = (".zarr", ".tif", ".tiff", ".npy")
 """Formats that are written tile by tile."""
 _SHRUNK = 512  # px, the shorter side of what range and brightness are found on
@@ -53,6 +62,22 @@ _SAMPLE = 512  # px, side of the window on which noise is measured
 _SMALLEST, _LARGEST, _MULTIPLE = 32, 4096, 32  # px, sides of tiles
 _PROCESS = 350_000_000  # bytes of an interpreter with its libraries and kernels
 _PROBE, _EQUALISATION = "probe.npz", "equalisation_"
+_BORDER, _PATHS = "border_", "paths_"
+"""What the names of arrays in a tile's file begin with: its map at its borders, and paths that leave it."""
+_ROUNDS = 3
+"""How often tiles that differ from their neighbours are done again at most."""
+_SEAM = 4
+"""Px on either side of a border that are compared."""
+_LATTICE = 24
+"""Px of which the corner of a window is a multiple, so that fits at every second, eighth or twelfth pixel are
+at the same ones in all windows."""
+_NEIGHBOURS: dict[Side, tuple[int, int]] = {
+    "left": (-1, 0),
+    "right": (1, 0),
+    "top": (0, -1),
+    "bottom": (0, 1),
+}
+_OPPOSITE: dict[Side, Side] = {"left": "right", "right": "left", "top": "bottom", "bottom": "top"}
 
 
 @dataclass(frozen=True)
@@ -69,21 +94,36 @@ class TileJob(Job):
         (x, y) of the map in the views as they are stored.
     whole
         (H, W) of the map.
+    seams
+        For each side with a neighbour: the pixels, in the map, by which the two are compared.
+    entries, exits
+        As `blocks.borders.PathBorders` has them, lines counted in the window.
+    round
+        How often it was done before.
+    sources
+        For each side on which paths enter: the file, in the folder, of the neighbour that they left.
     """
 
     core: Window = (0, 0, 0, 0)
     window: Window = (0, 0, 0, 0)
     origin: tuple[int, int] = (0, 0)
     whole: tuple[int, int] = (0, 0)
+    seams: Mapping[Side, Window] = field(default_factory=dict)
+    entries: Mapping[Side, int] = field(default_factory=dict)
+    exits: Mapping[Side, int] = field(default_factory=dict)
+    round: int = 0
+    sources: Mapping[Side, str] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
-        """By its place."""
-        return f"tile-y{self.core[1]:06d}-x{self.core[0]:06d}"
+        """By its place, and how often it was done before."""
+        again = f"-again{self.round}" if self.round else ""
+        return f"tile-y{self.core[1]:06d}-x{self.core[0]:06d}{again}"
 
     def provenance(self) -> dict[str, Any]:
-        """Beside what a scene has, its place."""
-        return super().provenance() | {"core": list(self.core), "window": list(self.window)}
+        """Beside what a scene has, its place, and where paths come from."""
+        place = {"core": list(self.core), "window": list(self.window), "sources": dict(self.sources)}
+        return super().provenance() | place
 
 
 @dataclass(frozen=True)
@@ -104,6 +144,12 @@ class Tiled:
         Px around each that it was estimated from.
     tiles, there
         How many there are, and how many of them had been done before.
+    again
+        How many were done again with what their neighbours had found; one that was done again twice counts
+        twice.
+    apart
+        Share of the pixels within 4 px of a border between tiles on which the two differ by more than 0.02
+        px per view step.
     seconds
         For all of it.
     """
@@ -115,7 +161,20 @@ class Tiled:
     halo: int
     tiles: int
     there: int
+    again: int
+    apart: float
     seconds: float
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is to be known of the map, and what to do about it."""
+        if self.apart <= MOST_APART:
+            return ()
+        return (
+            f"seams: on {100 * self.apart:.2g} % of the pixels at their borders, tiles differ by more than "
+            f"{SEAM_APART} px; expected at most {100 * MOST_APART:g} %; allow more memory, for larger tiles, "
+            f"or a halo of more than {self.halo} px (halo= in Python), or estimate the map as a whole",
+        )
 
 
 def estimate_tiled(
@@ -195,21 +254,29 @@ def estimate_tiled(
     job = jobs_for([scene], folder, chosen, reading=reading or {}, settings=settings, threads=threads)[0]
     seen = _seen(job)
     given = range if range is not None else seen.range
-    make_folder(folder)
-    probe = _probe(job, seen, given and check_range(given), memory)
-    job = replace(job, settings=settings | {"range": list(probe.range)})
-    side = tile or _largest_tile(job, seen, probe, halo, memory)
-    tiles = _tiles(job, seen, probe, side, halo)
-    left = [each for each in tiles if not each.is_done()]
-    done = len(tiles) - len(left)
-    for outcome in pools.done_by(left, client, scheduler, workers, run_tile):
-        if outcome.status == "failed":
-            raise LightFieldError(outcome.message)
-        done += 1
-        if progress is not None:
-            progress(done, len(tiles), "tile")
-    _put_together(out, tiles, seen, probe, chosen)
-    shutil.rmtree(folder)
+    with Shared(folder) as shared:
+        with alone(folder, _PROBE):
+            probe = _probe(job, seen, given and check_range(given), memory)
+        job = replace(job, settings=settings | {"range": list(probe.range)})
+        side = tile or _largest_tile(job, seen, probe, halo, memory)
+        tiles = _tiles(job, seen, probe, side, halo)
+        there = sum(each.is_done() for each in tiles)
+        total, apart, again = len(tiles), 0.0, 0
+        todo: Sequence[TileJob] = tiles
+        while todo:
+            left = [each for each in todo if not each.is_done()]
+            for count, outcome in enumerate(pools.done_by(left, client, scheduler, workers, run_tile), 1):
+                if outcome.status == "failed":
+                    raise LightFieldError(outcome.message)
+                if progress is not None:
+                    progress(total - len(left) + count, total, "tile")
+            apart, disputed = _compared(tiles)
+            todo = _again(tiles, disputed)
+            total, again = total + len(todo), again + len(todo)
+            redone = {each.core: each for each in todo}
+            tiles = [redone.get(each.core, each) for each in tiles]
+        _put_together(out, tiles, seen, probe, chosen)
+        shared.finish()
     return Tiled(
         output=out,
         shape=seen.shape,
@@ -217,7 +284,9 @@ def estimate_tiled(
         tile=side,
         halo=halo,
         tiles=len(tiles),
-        there=len(tiles) - len(left),
+        there=there,
+        again=again,
+        apart=apart,
         seconds=time.perf_counter() - started,
     )
 
@@ -357,27 +426,142 @@ def _remembered(file: Path, made_of: str | None) -> _Probe | None:
 
 def _tiles(job: Job, seen: Look, probe: _Probe, side: int, halo: int) -> list[TileJob]:
     """Tiles of a side, row by row."""
-    around = halo + _shift(seen, probe)
+    shift = _shift(seen, probe)
     height, width = seen.shape[2:4]
-    return [
-        TileJob(
-            **{name: getattr(job, name) for name in Job.__dataclass_fields__},
-            core=(x, y, min(side, width - x), min(side, height - y)),
-            window=_window((x, y, side, side), around, (height, width)),
-            origin=_origin(job),
-            whole=(height, width),
-        )
+    cores = {
+        (x // side, y // side): (x, y, min(side, width - x), min(side, height - y))
         for y in range(0, height, side)
         for x in range(0, width, side)
-    ]
+    }
+    windows = {place: _window(core, halo + shift, (height, width)) for place, core in cores.items()}
+    # Nearer to a window's border, views do not show what a pixel is, and paths had better not begin.
+    margin = min(shift + job.chosen().halo(), halo + shift - 1)
+    entries = {place: _entries(window, margin, (height, width)) for place, window in windows.items()}
+    common = {name: getattr(job, name) for name in Job.__dataclass_fields__}
+    tiles = []
+    for place, core in cores.items():
+        beside = {
+            name: other
+            for name, (right, down) in _NEIGHBOURS.items()
+            if (other := (place[0] + right, place[1] + down)) in cores
+        }
+        tiles.append(
+            TileJob(
+                **common,
+                core=core,
+                window=windows[place],
+                origin=_origin(job),
+                whole=(height, width),
+                seams={
+                    name: _seam(name, core, windows[place], windows[other]) for name, other in beside.items()
+                },
+                entries=entries[place],
+                exits=_exits(windows[place], {name: (windows[o], entries[o]) for name, o in beside.items()}),
+            )
+        )
+    return tiles
 
 
 def _window(core: Window, around: int, size: tuple[int, int]) -> Window:
     """A tile with what is around it, as far as there is a picture."""
     x, y, width, height = core
-    left, top = max(x - around, 0), max(y - around, 0)
+    left, top = (max(at - around, 0) // _LATTICE * _LATTICE for at in (x, y))
     right, bottom = min(x + width + around, size[1]), min(y + height + around, size[0])
     return left, top, right - left, bottom - top
+
+
+def _entries(window: Window, margin: int, size: tuple[int, int]) -> dict[Side, int]:
+    """Lines of a window on which paths begin, on the sides on which the picture goes on."""
+    x, y, width, height = window
+    lines: dict[Side, tuple[bool, int]] = {
+        "left": (x > 0, margin),
+        "right": (x + width < size[1], width - 1 - margin),
+        "top": (y > 0, margin),
+        "bottom": (y + height < size[0], height - 1 - margin),
+    }
+    return {side: line for side, (cut, line) in lines.items() if cut and margin >= 0}
+
+
+def _exits(window: Window, beside: Mapping[Side, tuple[Window, Mapping[Side, int]]]) -> dict[Side, int]:
+    """Lines of a window on which paths begin in the windows of the neighbours, where they lie in it."""
+    found: dict[Side, int] = {}
+    for side, (other, entries) in beside.items():
+        axis = 0 if side in ("left", "right") else 1
+        begins = entries.get(_OPPOSITE[side])
+        if begins is None:
+            continue
+        at = begins + other[axis] - window[axis]
+        if 0 <= at < window[2 + axis]:
+            found[side] = at
+    return found
+
+
+def _seam(side: Side, core: Window, window: Window, other: Window) -> Window:
+    """Pixels at the border of a tile on a side, as far as its window and the neighbour's have them."""
+    x, y, width, height = core
+    strips: dict[Side, Window] = {
+        "left": (x - _SEAM, y, 2 * _SEAM, height),
+        "right": (x + width - _SEAM, y, 2 * _SEAM, height),
+        "top": (x, y - _SEAM, width, 2 * _SEAM),
+        "bottom": (x, y + height - _SEAM, width, 2 * _SEAM),
+    }
+    return _common(strips[side], _common(window, other))
+
+
+def _common(one: Window, other: Window) -> Window:
+    """What two windows have in common."""
+    left, top = max(one[0], other[0]), max(one[1], other[1])
+    right, bottom = (min(one[i] + one[i + 2], other[i] + other[i + 2]) for i in (0, 1))
+    return left, top, max(right - left, 0), max(bottom - top, 0)
+
+
+def _compared(tiles: Sequence[TileJob]) -> tuple[float, set[Window]]:
+    """Share of the pixels at borders on which tiles are apart, and the tiles that dispute, by their cores."""
+    places = _places(tiles)
+    disputed: set[Window] = set()
+    pixels = apart = 0
+    for (column, row), job in places.items():
+        for side in ("right", "bottom"):
+            if side not in job.seams:
+                continue
+            right, down = _NEIGHBOURS[side]
+            other = places[column + right, row + down]
+            with np.load(job.target) as one, np.load(other.target) as two:
+                difference = np.abs(one[f"{_BORDER}{side}"] - two[f"{_BORDER}{_OPPOSITE[side]}"]) > SEAM_APART
+            pixels, apart = pixels + difference.size, apart + int(difference.sum())
+            if difference.any() and difference.mean() > MOST_APART:
+                disputed |= {job.core, other.core}
+    return apart / max(pixels, 1), disputed
+
+
+def _again(tiles: Sequence[TileJob], disputed: set[Window]) -> list[TileJob]:
+    """The tiles that dispute, to be done again with the paths of their neighbours, if that may help."""
+    places = _places(tiles)
+    found = []
+    for (column, row), job in places.items():
+        if job.core not in disputed or job.round == _ROUNDS:
+            continue
+        sources: dict[Side, str] = {}
+        for side in job.entries:
+            right, down = _NEIGHBOURS[side]
+            other = places.get((column + right, row + down))
+            if other is not None and _leaves(other, _OPPOSITE[side]):
+                sources[side] = other.target.name
+        if sources and sources != job.sources:
+            found.append(replace(job, round=job.round + 1, sources=sources))
+    return found
+
+
+def _places(tiles: Sequence[TileJob]) -> dict[tuple[int, int], TileJob]:
+    """Tiles by column and row."""
+    columns, rows = (sorted({each.core[axis] for each in tiles}) for axis in (0, 1))
+    return {(columns.index(each.core[0]), rows.index(each.core[1])): each for each in tiles}
+
+
+def _leaves(job: TileJob, side: Side) -> bool:
+    """Whether a tile has noted the paths that leave it on a side."""
+    with np.load(job.target) as found:
+        return f"{_PATHS}0_{side}" in found.files
 
 
 def _shift(seen: Look, probe: _Probe) -> int:
@@ -399,7 +583,7 @@ def _bytes(job: Job, seen: Look, probe: _Probe, side: int) -> int:
 
 def _largest_tile(job: Job, seen: Look, probe: _Probe, halo: int, memory: float) -> int:
     """Side of the largest tile that the memory allows."""
-    around = 2 * (halo + _shift(seen, probe))
+    around = 2 * (halo + _shift(seen, probe)) + _LATTICE - 1
     needed = _bytes(job, seen, probe, _SMALLEST + around)
     if needed > memory:
         raise LightFieldError(
@@ -429,19 +613,40 @@ def _done(job: Job) -> Outcome:
     chosen.check(lf.shape)
     planes = chosen.planes_for(probe.range)
     check_room(job, chosen.memory(lf.shape, planes, lf.views.itemsize))
+    borders = PathBorders({side: job.entries[side] for side in job.sources}, job.exits, _entering(job))
     with start_engine(job.settings["engine"], threads=job.threads) as engine:
-        maps = chosen.run(Problem(lf, probe.range, planes, probe.noise), Work(engine, Trace()))
-    x, y = job.core[0] - job.window[0], job.core[1] - job.window[1]
-    inner = slice(y, y + job.core[3]), slice(x, x + job.core[2])
-    arrays = {
-        "disparity": np.clip(maps.disparity[inner], *probe.range).astype(np.float32),
-        "confidence": maps.confidence[inner],
-    }
+        maps = chosen.run(Problem(lf, probe.range, planes, probe.noise, borders), Work(engine, Trace()))
+    disparity = np.clip(maps.disparity, *probe.range).astype(np.float32)
+    inner = _slices(_within(job.core, job.window))
+    arrays = {"disparity": disparity[inner], "confidence": maps.confidence[inner]}
     if maps.sigma is not None:
         arrays["sigma"] = maps.sigma[inner]
+    for side, seam in job.seams.items():
+        arrays[f"{_BORDER}{side}"] = disparity[_slices(_within(seam, job.window))]
+    for number, leaving in enumerate(borders.leaving):
+        arrays |= {f"{_PATHS}{number}_{side}": costs for side, costs in leaving.items()}
     with atomic(job.target) as temporary:
         np.savez(temporary, allow_pickle=False, **arrays, **{PROVENANCE: job.stamp()})
     return finished(job, lf, probe.range, started)
+
+
+def _entering(job: TileJob) -> list[dict[Side, NDArray[np.float32]]]:
+    """Costs of the paths that enter a tile, for each decision, as its neighbours left them."""
+    found: list[dict[Side, NDArray[np.float32]]] = []
+    for side, name in job.sources.items():
+        with np.load(Path(job.folder) / name) as source:
+            number = 0
+            while (key := f"{_PATHS}{number}_{_OPPOSITE[side]}") in source.files:
+                if number == len(found):
+                    found.append({})
+                found[number][side] = source[key]
+                number += 1
+    return found
+
+
+def _within(window: Window, outer: Window) -> Window:
+    """A window as counted in another one."""
+    return window[0] - outer[0], window[1] - outer[1], window[2], window[3]
 
 
 def _slices(window: Window) -> tuple[slice, slice]:

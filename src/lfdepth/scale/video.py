@@ -37,6 +37,7 @@ from lfdepth.probe.ranges import find_range
 from lfdepth.result import Result
 from lfdepth.scale.frames import Frame, find_frames
 from lfdepth.scale.jobs import THUMBNAILS, check_made_of, told_by
+from lfdepth.scale.locks import only
 from lfdepth.table import Column, Table
 from lfdepth.trace import Progress
 from lfdepth.version import __version__
@@ -194,8 +195,8 @@ def estimate_video(
     ------
     LightFieldError
         If a frame is missing in a numbered series, cannot be read, or has another size than the first; if
-        maps of other settings are in the folder, or it cannot be written. Maps that are finished stay, and
-        the same call goes on after them.
+        maps of other settings are in the folder, another process is writing to it, or it cannot be written.
+        Maps that are finished stay, and the same call goes on after them.
 
     Examples
     --------
@@ -226,9 +227,10 @@ def estimate_video(
         equalise=equalise,
         reading=reading,
     )
-    outcomes = run.all_of(found, progress)
-    video = Video(tuple(outcomes), time.perf_counter() - started)
-    _write_index(run.out, video)
+    with only(make_folder(run.out)):  # every frame needs the one before, so that work cannot be shared
+        outcomes = run.all_of(found, progress)
+        video = Video(tuple(outcomes), time.perf_counter() - started)
+        _write_index(run.out, video)
     return video
 
 
@@ -247,7 +249,6 @@ class _Run:
 
     def all_of(self, frames: Sequence[Frame], progress: Progress | None) -> list[Outcome]:
         """Do what is missing."""
-        make_folder(self.out)
         check_target(self.out / INDEX)
         outcomes, known = self._there(frames)
         if progress is not None:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import os
 import socket
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,8 +20,8 @@ from lfdepth.lightfield import LightField
 from lfdepth.memory import available_memory, size_text
 from lfdepth.result import Result
 from lfdepth.scale.jobs import PROVENANCE, Job, at_hand
+from lfdepth.scale.locks import alone
 
-LOCKS = ".lfdepth-locks"
 _THUMBNAIL = 160  # px, the longer side
 
 
@@ -82,7 +81,7 @@ def run_alone(job: Job, do: Callable[[Job], Outcome]) -> Outcome:
         If what is free of the memory does not suffice, so that another worker may try.
     """
     try:
-        with _alone(job):
+        with alone(Path(job.folder), job.name):
             if job.is_done():
                 return Outcome(job.scene, str(job.target), "there")
             return do(job)
@@ -162,21 +161,6 @@ def _thumbnail(result: Result, path: Path) -> None:
     picture = Image.fromarray(disparity_colours(result.disparity))
     picture.thumbnail((_THUMBNAIL, _THUMBNAIL))
     picture.save(path, "WEBP", quality=80)
-
-
-@contextmanager
-def _alone(job: Job) -> Iterator[None]:
-    """Wait until no other process works on the same result; a lock ends with the process that holds it."""
-    file = make_folder(Path(job.folder) / LOCKS) / f"{job.name}.lock"
-    try:
-        import fcntl
-    except ImportError:  # Windows: two batches at once may do the same work, and the last one's file stays
-        yield
-        return
-    with file.open("a") as opened:
-        with suppress(OSError):  # a file system without locks
-            fcntl.flock(opened, fcntl.LOCK_EX)
-        yield
 
 
 def this_worker() -> str:
