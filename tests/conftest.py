@@ -11,8 +11,8 @@ DATA = Path(__file__).resolve().parents[2] / "shared/data"
 settings.register_profile("no-deadline", deadline=None)
 settings.load_profile("no-deadline")
 
-# Shells make what they start in the background deaf to SIGINT, and so all that is started from there: tests of
-# Ctrl-C would wait for ever.
+# Shells make what they start in the background deaf to SIGINT, and so all that is started from there: tests
+# of Ctrl-C would wait for ever.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
