@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import lfdepth
+from clusters import Cluster, client_of
 from lfdepth import scenes
 from lfdepth.errors import LightFieldError
 from lfdepth.io import read_disparity
@@ -141,6 +142,23 @@ def test_processes_share_the_tiles_of_a_map(saved: Path) -> None:
     assert [each.wait(timeout=120) for each in running[1:]] == [0, 0]
     np.testing.assert_array_equal(read_disparity(out), read_disparity(saved.with_name("expected.npy")))
     assert not folder.exists()
+
+
+@pytest.mark.slow
+def test_tiles_are_done_on_a_cluster(saved: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+    """By two real workers of Dask: the same bytes; paths pass through files, as here."""
+    pytest.importorskip("distributed")
+    settings: dict[str, Any] = {"threads": 1, "effort": "fast", "tile": 32, "halo": 0}
+    expected = estimate_tiled(saved, saved.with_name("expected.npy"), **settings)
+    assert expected.again > 0
+    with Cluster(tmp_path_factory.mktemp("cluster")) as cluster:
+        for name in ("one", "two"):
+            cluster.start_worker(name)
+        with client_of(cluster) as client:
+            client.wait_for_workers(2, timeout=60)
+            done = estimate_tiled(saved, saved.with_name("map.npy"), client=client, **settings)
+    assert (done.tiles, done.again, done.apart) == (expected.tiles, expected.again, expected.apart)
+    assert saved.with_name("map.npy").read_bytes() == saved.with_name("expected.npy").read_bytes()
 
 
 def test_a_video_that_another_process_writes_is_refused(tmp_path: Path) -> None:

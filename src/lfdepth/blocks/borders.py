@@ -26,7 +26,7 @@ Costs = NDArray[np.float32]
 Paths = Callable[[Array, Array, NDArray[np.float32], NDArray[np.float32]], Array]
 """`Engine.paths` with its penalties: of signs, shares, weight and guide."""
 
-_REACH = 512
+_REACH = 256
 """Px along which a path is followed to where it leaves: what lies farther back has next to no say."""
 _AT_ONCE = 128
 """Paths that are followed at once, for the sake of memory."""

@@ -187,7 +187,7 @@ def estimate_tiled(
     halo: int = HALO,
     client: Any = None,
     scheduler: str | None = None,
-    workers: int | None = 1,
+    workers: int | None = None,
     threads: int | None = None,
     range: tuple[float, float] | None = None,
     engine: str = "cpu",
@@ -246,6 +246,8 @@ def estimate_tiled(
     (4, (64, 64))
     """
     started = time.perf_counter()
+    if client is None and scheduler is None and workers is None:
+        workers = 1
     out = Path(out)
     check_tiled_writable(out)
     chosen = named_method(method, **options)
