@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfdepth.blocks.borders import PathBorders
+from lfdepth.blocks.faint import ask_signs
 from lfdepth.blocks.gloss import WEIGHT, FineCount, outermost, replace_shares, suspects, touched
 from lfdepth.blocks.noise import Residual, ramp, residual, texture_weight, threshold_bounds
 from lfdepth.blocks.photo import local_thresholds, thinned
@@ -134,6 +135,8 @@ class JointEnergy:
         self._shares = self._engine.empty((len(planes), *size), np.uint8)
         self._running, self._lowest = (self._engine.zeros(size, np.float32) for _ in "12")
         self._glossy = np.zeros(size, np.bool_)
+        self._weight = np.zeros(size, np.float32)
+        self._reach = float(np.abs(lf.offsets[lf.available]).max())
         self._surfaces: Any = None
         self._voters: tuple[int, ColourViews] | None = None
 
@@ -200,6 +203,7 @@ class JointEnergy:
         contrast = self._engine.contrast(shares)
         weight = np.float32(self.rule.photo_weight) * ramp(contrast, *_CONTRAST) * self._texture
         weight[self._glossy] *= np.float32(WEIGHT)
+        self._weight = weight
         self._keep(signs, shares, weight)
         with self._trace.block("paths"):
             position = self._engine.least(self._smooth_paths(signs, shares, weight))
@@ -212,6 +216,11 @@ class JointEnergy:
         disparity = self._disparity(position)
         self._trace.take("decisions", lambda: disparity)
         return disparity, self._confidence(contrast)
+
+    def ask_signs(self, disparity: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """What the signs say of a map (H, W) where photo votes weighed little in the last decision."""
+        evidence = self._signs, self.planes, disparity, self._weight, self._reach
+        return ask_signs(*evidence, engine=self._engine)
 
     def _disparity(self, position: NDArray[np.float32]) -> NDArray[np.float32]:
         """Disparity at places counted in planes of this stride."""

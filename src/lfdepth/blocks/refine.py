@@ -21,6 +21,7 @@ eighth beside whole pixels come out 0.004 px wrong.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -60,6 +61,8 @@ class RefineRule:
         Radius of the fitted planes, px, and the distance of the pixels in it that take part; even.
     wide_radius, wide_spacing
         The same for the planes to which a pixel without evidence of its own is drawn.
+    level_radius, level_spacing
+        The same for the planes fitted to what a second witness says before the views are asked.
     prior
         Information with which a pixel keeps its disparity, per (px per view step)².
     high_pass
@@ -90,6 +93,8 @@ class RefineRule:
     spacing: int = 2
     wide_radius: int = 48
     wide_spacing: int = 12
+    level_radius: int = 20
+    level_spacing: int = 5
     prior: float = 150.0
     high_pass: float = 2.0
     halving: float = 0.05
@@ -102,6 +107,10 @@ class RefineRule:
     rim_radius: int = 8
     rim_jump: float = 0.15
     rim_gate: float = 0.15
+
+
+Witness = Callable[[NDArray[np.float32]], tuple[NDArray[np.float32], NDArray[np.float32]]]
+"""Says of a map (H, W) by how much it should change, and on how much information that rests."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,16 +176,27 @@ class Refined:
     sigma: NDArray[np.float32] | None
 
 
-def refine_map(lf: LightField, disparity: NDArray[np.float32], rule: RefineRule, engine: Engine) -> Refined:
-    """`refine_disparity` of a contiguous map, with its standard error."""
+def refine_map(
+    lf: LightField,
+    disparity: NDArray[np.float32],
+    rule: RefineRule,
+    engine: Engine,
+    second: Witness | None = None,
+) -> Refined:
+    """`refine_disparity` of a contiguous map, with its standard error.
+
+    A second witness beside the views is heard before them, as they see only what is near, and with them when
+    planes are fitted; it has no part in what is refused and in the standard error.
+    """
     if min(disparity.shape) < _SMALLEST:
         return Refined(disparity, None)
     guide = guide_image(lf, "colour")
-    found = disparity
+    found = disparity if second is None else _levelled(disparity, second, guide, rule, engine)
     for count in range(rule.rounds):
         evidence = gather_evidence(lf, found, rule, engine)
         prior = rule.prior * (1 if count == 0 else _KEPT)
-        fitted = _fit_planes(found, evidence, guide, replace(rule, prior=prior), engine)
+        heard = evidence if second is None else _joined(evidence, *second(found))
+        fitted = _fit_planes(found, heard, guide, replace(rule, prior=prior), engine)
         kept = np.where(_refused(fitted - found, evidence, rule, engine), found, fitted)
         found = _draw_rims(kept, guide, rule, engine)
     return Refined(found, standard_error(disparity, found, evidence, guide, engine))
@@ -250,6 +270,37 @@ def gather_evidence(
         rims=rule.rims,
     )
     return Evidence(*found)
+
+
+def _levelled(
+    disparity: NDArray[np.float32],
+    second: Witness,
+    guide: NDArray[np.float32],
+    rule: RefineRule,
+    engine: Engine,
+) -> NDArray[np.float32]:
+    """Planes fitted to what the second witness asks for."""
+    asked, information = second(disparity)
+    strength = information + np.float32(rule.prior)
+    return engine.fit_steps(
+        disparity,
+        disparity + information * asked / strength,
+        strength,
+        guide,
+        radius=rule.level_radius,
+        spacing=rule.level_spacing,
+        gate=rule.gate,
+        ridge=rule.prior * rule.level_spacing**2,
+        sharpness=_SHARPNESS,
+    )
+
+
+def _joined(evidence: Evidence, asked: NDArray[np.float32], information: NDArray[np.float32]) -> Evidence:
+    """The views' evidence, and what a second witness asks for."""
+    trusted = evidence.trusted + information
+    both = evidence.trusted * evidence.step + information * asked
+    step = np.divide(both, trusted, out=np.zeros_like(both), where=trusted > 0)
+    return replace(evidence, step=step, trusted=trusted)
 
 
 def _fit_planes(

@@ -148,7 +148,7 @@ class FbsVis(Method):
         if rounds == 0:
             return Maps(disparity, confidence)
         with trace.block("refinement"):
-            refined = refine_map(lf, disparity, RefineRule(rounds=rounds), work.engine)
+            refined = refine_map(lf, disparity, RefineRule(rounds=rounds), engine, energy.ask_signs)
         trace.step("refinement")
         return Maps(refined.disparity, confidence, refined.sigma)
 
