@@ -41,6 +41,7 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "no fitted planes": (METHOD, {"fit_radius": 0}),
     "no edge decision": (METHOD, {"edge_passes": 0}),
     "no gloss": (METHOD, {"gloss": False}),
+    "no faint surfaces": (METHOD, {"faint": False}),
     "no refinement": (METHOD, {"effort": "fast"}),
     "refined twice": (METHOD, {"effort": "best"}),
     "no visibility, no edges": (METHOD, {"visibility": False}),

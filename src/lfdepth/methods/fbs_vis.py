@@ -79,6 +79,10 @@ class FbsVis(Method):
     gloss: Annotated[
         bool, Switch("Where highlights move over a surface, use high-pass filtered views instead.")
     ] = True
+    faint: Annotated[
+        bool,
+        Switch("Where colours say little, let the signs have a say in the refinement, too."),
+    ] = True
     edge_passes: Annotated[
         int, Whole("Passes over the depth edges; each moves them by at most one pixel.", ge=0, le=100)
     ] = 3
@@ -148,7 +152,8 @@ class FbsVis(Method):
         if rounds == 0:
             return Maps(disparity, confidence)
         with trace.block("refinement"):
-            refined = refine_map(lf, disparity, RefineRule(rounds=rounds), engine, energy.ask_signs)
+            second = energy.ask_signs if self.faint else None
+            refined = refine_map(lf, disparity, RefineRule(rounds=rounds), engine, second)
         trace.step("refinement")
         return Maps(refined.disparity, confidence, refined.sigma)
 
