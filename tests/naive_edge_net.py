@@ -25,7 +25,7 @@ JUMP, CLEARLY_NEAR, CLEARLY_FAR = 0.15, 1.0, 2.5
 
 
 class Seen(NamedTuple):
-    """What the views show at a pixel: colours in 8-bit levels, variances, None without a front, and counts."""
+    """What views show at a pixel: colours in 8-bit levels, variances, None without a front, and counts."""
 
     front: Array
     back: Array
@@ -150,9 +150,9 @@ def features(
             at = min(max(y + i - 3, 0), len(image) - 1), min(max(x + j - 3, 0), image.shape[1] - 1)
             way = front - back
             share = float((light(image[at], exponent) - back) @ way) / max(float(way @ way), 0.01)
-            colour[i, j] = min(max(share, -0.5), 1.5) - 0.5
-            side[i, j] = min(max((float(disparity[at]) - far) / (near - far), -0.5), 1.5) - 0.5
-            mixed[i, j] = told[at].share - 0.5 if at in told else min(max(side[i, j], -0.5), 0.5)
+            colour[i, j] = float(np.clip(share, -0.5, 1.5)) - 0.5
+            side[i, j] = float(np.clip((float(disparity[at]) - far) / (near - far), -0.5, 1.5)) - 0.5
+            mixed[i, j] = told[at].share - 0.5 if at in told else float(np.clip(side[i, j], -0.5, 0.5))
         parts = [turned(patch, side) for patch in (colour, side, mixed)]
         past = min(max((float(before[y, x]) - far) / (near - far), -0.5), 1.5)
         head = [np.log(near - far), *told[y, x].numbers, float(disparity[y, x] > (near + far) / 2), past]
@@ -177,9 +177,7 @@ def odds(weights: list[tuple[Array, Array]], inputs: Array) -> float:
     return float(values[0])
 
 
-def decide(
-    weights: list[tuple[Array, Array]], disparity: Array, told: dict[tuple[int, int], Array]
-) -> Array:
+def decide(weights: list[tuple[Array, Array]], disparity: Array, told: dict[tuple[int, int], Array]) -> Array:
     """The map with the pixels that change sides."""
     out = disparity.copy()
     for (y, x), inputs in told.items():
@@ -190,5 +188,3 @@ def decide(
         elif not is_front and log_odds > CLEARLY_NEAR:
             out[y, x] = near
     return out
-
-

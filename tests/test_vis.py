@@ -24,7 +24,7 @@ from lfdepth.scoring import metrics
 
 Array = fields.Array
 
-OPTIONS: dict[str, Any] = {"step": 0.13, "radius": 2, "epsilon": 1e-3, "fit_radius": 4}
+OPTIONS: dict[str, Any] = {"step": 0.13, "radius": 2, "epsilon": 1e-3, "fit_radius": 4, "edge_net": False}
 
 
 # Against the oracle

@@ -11,9 +11,9 @@ puts that into one number, the logarithm of the odds that the pixel is the neare
 sides where that speaks clearly against the side it is on.
 
 Surfaces mix in a pixel by their light, and most pictures hold something like the root of it. What colours of
-mixed pixels say of the exponent (S. Lin, J. Gu, S. Yamazaki, H.-Y. Shum: Radiometric calibration from a single
-image, CVPR 2004): in light they lie on the line from one surface's colour to the other's, in levels on a
-curve, unless surfaces differ in brightness alone.
+mixed pixels say of the exponent (S. Lin, J. Gu, S. Yamazaki, H.-Y. Shum: Radiometric calibration from a
+single image, CVPR 2004): in light they lie on the line from one surface's colour to the other's, in levels on
+a curve, unless surfaces differ in brightness alone.
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ from lfdepth.engines.base import EdgeColours, Engine
 from lfdepth.lightfield import LightField
 
 _JUMP = 0.15  # px per view step between neighbours that make an edge
-# Logarithms of the odds from which on a pixel changes sides. To leave the front takes more: a round thing's rim
-# is darker than its inside, and looks like a mixture with what is dark behind it.
+# Logarithms of the odds from which on a pixel changes sides. To leave the front takes more: a round thing's
+# rim is darker than its inside, and looks like a mixture with what is dark behind it.
 _CLEARLY_NEAR, _CLEARLY_FAR = 1.0, 2.5
 _REACH, _INNER = 3, 2  # px around a pixel that are looked at: colours and sides, and the edge's own shares
 _CHUNK = 8192  # pixels at a time
@@ -142,7 +142,9 @@ def decide_sides(
     leaves, joins = pixels.front & (odds < -_CLEARLY_FAR), ~pixels.front & (odds > _CLEARLY_NEAR)
     changes = leaves | joins
     decided = disparity.copy()
-    decided[pixels.rows[changes], pixels.columns[changes]] = np.where(leaves, pixels.far, pixels.near)[changes]
+    decided[pixels.rows[changes], pixels.columns[changes]] = np.where(leaves, pixels.far, pixels.near)[
+        changes
+    ]
     return decided
 
 
@@ -180,7 +182,9 @@ def look_at_edges(
     front = disparity[rows, columns] > (near + far) / 2
     others = max(int(lf.available.sum()) - 1, 1)
     own = levels[rows, columns]
-    scalars, shares = _tell_pixels(light[rows, columns], _slope(own.mean(axis=1), power), shown, front, others)
+    scalars, shares = _tell_pixels(
+        light[rows, columns], _slope(own.mean(axis=1), power), shown, front, others
+    )
     gap = near - far
     past = np.clip((before[rows, columns] - far) / gap, -0.5, 1.5)
     told = np.column_stack([np.log(gap), *scalars, front, past]).astype(np.float32)
@@ -305,9 +309,7 @@ class _Sides:
         down, across = (side * steps[:, None]).sum(axis=(1, 2)), (side * steps).sum(axis=(1, 2))
         whole = np.where((down < 0)[:, None, None, None], whole[:, :, ::-1], whole)
         whole = np.where((across < 0)[:, None, None, None], whole[..., ::-1], whole)
-        whole = np.where(
-            (np.abs(down) > np.abs(across))[:, None, None, None], whole.swapaxes(2, 3), whole
-        )
+        whole = np.where((np.abs(down) > np.abs(across))[:, None, None, None], whole.swapaxes(2, 3), whole)
         inner = slice(_REACH - _INNER, _REACH + _INNER + 1)
         parts = whole[:, :2], whole[:, 2:, inner, inner]
         return np.hstack([each.reshape(len(whole), -1) for each in parts]).astype(np.float32)

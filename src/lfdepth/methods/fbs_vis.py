@@ -115,7 +115,11 @@ class FbsVis(Method):
         """A first map, its visibility and edges, the second count, gloss, and the map."""
         lf, planes, engine, trace = problem.lf, problem.planes, work.engine, work.trace
         rounds = _ROUNDS[self.effort]
-        trace.steps(len(planes) + 1 + self.visibility * (len(planes) + self.gloss + min(rounds, 1) + self.edge_net + 2))
+        trace.steps(
+            len(planes)
+            + 1
+            + self.visibility * (len(planes) + self.gloss + min(rounds, 1) + self.edge_net + 2)
+        )
         rule = self.vote_rule
         with trace.block("preparation"):
             guide = guide_image(lf, self.guide)

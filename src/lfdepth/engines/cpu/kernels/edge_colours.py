@@ -59,9 +59,7 @@ def edge_colours_kernel(
         threshold = thresholds[y, x]
         for c in range(channels):
             own[c] = scale * np.float32(reference[y, x, c])
-        weight, spreads[i, 0] = _foreground_colour(
-            disparity, reference, scale, y, x, near, far, front[i]
-        )
+        weight, spreads[i, 0] = _foreground_colour(disparity, reference, scale, y, x, near, far, front[i])
         if weight <= np.float32(1e-6):
             spreads[i, 0] = -1
         horizon = (far + np.float32(0.5) * (near - far)) * np.float32(PARTS)
