@@ -62,7 +62,7 @@ def rendered(scene: Scene, number: int) -> LightField:
     light = [
         kernels.render_view(packed, float(u), float(v), SIZE, SIZE, SAMPLES) for v, u in chance.whole(VIEWS)
     ]
-    views = np.stack(light).reshape(VIEWS, VIEWS, SIZE, SIZE, 3).astype(np.float32)
+    views: Array = np.stack(light).reshape(VIEWS, VIEWS, SIZE, SIZE, 3).astype(np.float32)
     truth, _ = kernels.trace(packed, 0.0, 0.0, np.arange(SIZE, dtype=np.float64), SIZE, 0.0, 1.0)
     share = rng.uniform(0, MOST_BLUR) if number % 3 else 0.0
     for axis in (2, 3):
@@ -73,7 +73,7 @@ def rendered(scene: Scene, number: int) -> LightField:
     return LightField(np.clip(np.rint(views), 0, 255).astype(np.uint8), truth=truth.astype(np.float32))
 
 
-def looks(lf: LightField) -> Iterator[dict[str, Array]]:
+def looks(lf: LightField) -> Iterator[dict[str, Any]]:
     """What the network is told, and what is true, in the maps before and after the refinement."""
     trace = lfdepth.Trace(keep=["decisions"])
     refined = lfdepth.estimate(lf, "fbs-vis", edge_net=False, trace=trace).disparity
@@ -149,7 +149,7 @@ def train(chosen: argparse.Namespace) -> None:
     ]
     first, offset = layers[0]
     layers[0] = first / deviation[:, None], offset - (mean / deviation) @ first  # of features as they are
-    arrays = {}
+    arrays: dict[str, Any] = {}
     for i, (matrix, offset) in enumerate(layers):
         arrays |= {f"matrix_{i}": matrix.astype(np.float32), f"offset_{i}": offset.astype(np.float32)}
     np.savez(chosen.out, **arrays)

@@ -38,7 +38,8 @@ _CLEARLY_NEAR, _CLEARLY_FAR = 1.0, 2.5
 _REACH, _INNER = 3, 2  # px around a pixel that are looked at: colours and sides, and the edge's own shares
 _CHUNK = 8192  # pixels at a time
 
-_EXPONENTS = 1.0, 2.2
+AS_THEY_ARE = 1.0  # exponent of light over levels: levels are light
+_EXPONENTS = AS_THEY_ARE, 2.2
 _STRAIGHTER = 0.78  # of what mixed colours deviate from lines, from which on levels are roots of light
 _MIXED = 0.2, 0.8  # shares of the foreground between which a pixel is mixed
 _APART = 9.0  # squared distance of the two colours over their variances, for the exponent
@@ -116,6 +117,7 @@ def decide_sides(
     before: Float,
     *,
     net: EdgeNet | None = None,
+    exponent: float | None = None,
     engine: Engine | None = None,
 ) -> Float:
     """Let pixels beside depth edges change to the other surface where the network clearly says so.
@@ -130,6 +132,8 @@ def decide_sides(
         (H, W) what the map was before any of its depth edges were decided.
     net
         Weights; by default those that come with the package.
+    exponent
+        Of light over levels; measured if it is None.
     engine
         Engine; by default the processor's, on one thread.
 
@@ -137,7 +141,7 @@ def decide_sides(
     -------
     (H, W) float32, px per view step.
     """
-    pixels = look_at_edges(lf, disparity, before, engine=engine)
+    pixels = look_at_edges(lf, disparity, before, exponent=exponent, engine=engine)
     odds = (net or EdgeNet.shipped()).odds(pixels.features)
     leaves, joins = pixels.front & (odds < -_CLEARLY_FAR), ~pixels.front & (odds > _CLEARLY_NEAR)
     changes = leaves | joins

@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.blocks.edge_net import decide_sides
+from lfdepth.blocks.edge_net import AS_THEY_ARE, decide_sides
 from lfdepth.blocks.edges import DepthEdges, EdgeRule
 from lfdepth.blocks.energy import JointEnergy, JointRule
 from lfdepth.blocks.refine import RefineRule, refine_map
@@ -161,7 +161,9 @@ class FbsVis(Method):
             trace.step("refinement")
         if self.edge_net:
             with trace.block("edges"):
-                disparity = decide_sides(lf, disparity, before, engine=engine)
+                # Pieces of a light field might measure different exponents, and show where they meet.
+                exponent = None if problem.noise is None else AS_THEY_ARE
+                disparity = decide_sides(lf, disparity, before, exponent=exponent, engine=engine)
             trace.step("edge net")
         return Maps(disparity, confidence, sigma)
 
