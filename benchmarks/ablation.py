@@ -40,6 +40,7 @@ VARIANTS: dict[str, tuple[str, dict[str, Any]]] = {
     "no scanline smoothing": (METHOD, {"slope_penalty": 0.0, "jump_penalty": 0.0}),
     "no fitted planes": (METHOD, {"fit_radius": 0}),
     "no edge decision": (METHOD, {"edge_passes": 0}),
+    "no edge net": (METHOD, {"edge_net": False}),
     "no gloss": (METHOD, {"gloss": False}),
     "no faint surfaces": (METHOD, {"faint": False}),
     "no refinement": (METHOD, {"effort": "fast"}),

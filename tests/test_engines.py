@@ -19,6 +19,7 @@ import pytest
 import fields
 import naive
 import naive_costs
+import naive_edge_net
 import naive_gloss
 import naive_labels
 import naive_photo
@@ -554,6 +555,29 @@ def test_decisions_at_edges_agree_with_the_oracle(used: Engine, grid: tuple[int,
         changed += int(np.sum(found != disparity))
     assert wrong <= 0.002 * pixels
     assert changed > 0 or grid != (4, 5)
+
+
+@pytest.mark.parametrize(("grid", "dtype"), [((5, 5), "uint8"), ((3, 4), "float32")])
+def test_colours_at_edges_agree_with_the_oracle(used: Engine, grid: tuple[int, int], dtype: str) -> None:
+    """Counts may differ by one where a splat or a threshold is a matter of the last digit."""
+    rng = np.random.default_rng([*grid, 3])
+    lf = fields.light_field(rng, grid, (14, 24), 3, dtype, "scene", fields.random_present(rng, grid))
+    disparity = rough_map(rng, (14, 24))
+    expected = naive_edge_net.edge_colours(disparity, lf.views, lf.present)
+    places = np.array(list(expected))
+    sides = np.array([naive_vis.surfaces(disparity, y, x) for y, x in places], np.float32)
+    views = used.views(lf)
+    limits = (255 * naive_vis.thresholds(lf.views)).astype(np.float32)
+    shown = used.edge_colours(views, disparity, places, sides, used.surfaces_of(disparity, views), limits)
+    seen = list(expected.values())
+    same = np.all(shown.counts == np.array([each.counts for each in seen]), axis=1)
+    assert np.mean(same) > 0.97
+    np.testing.assert_allclose(shown.front, [each.front for each in seen], atol=2e-3)
+    np.testing.assert_allclose(shown.back[same], np.array([each.back for each in seen])[same], atol=2e-3)
+    spreads = np.array(
+        [(-1 if each.front_variance is None else each.front_variance, each.back_variance) for each in seen]
+    )
+    np.testing.assert_allclose(shown.spreads[same], spreads[same], rtol=2e-3, atol=0.05)
 
 
 def test_residuals_agree_with_the_oracle(used: Engine) -> None:

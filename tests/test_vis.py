@@ -25,6 +25,7 @@ from lfdepth.scoring import metrics
 Array = fields.Array
 
 OPTIONS: dict[str, Any] = {"step": 0.13, "radius": 2, "epsilon": 1e-3, "fit_radius": 4}
+DECODED: dict[str, Any] = {**OPTIONS, "effort": "fast", "edge_net": False}
 
 
 # Against the oracle
@@ -58,7 +59,7 @@ def agree(lf: LightField, chosen: FbsVis) -> naive_vis.Decoded:
     ids=["colour", "grey-uint16", "float-absent", "row-of-views", "few-planes", "thinned", "unfitted"],
 )
 def test_the_method_agrees_with_the_oracle(lf: LightField, options: dict[str, Any]) -> None:
-    agree(lf, FbsVis(**{**OPTIONS, "effort": "fast", **options}))
+    agree(lf, FbsVis(**{**DECODED, **options}))
 
 
 @pytest.mark.thin(2)
@@ -68,7 +69,7 @@ def test_gloss_agrees_with_the_oracle(grid: tuple[int, int], dtype: str) -> None
     views = fields.quantise(fields.glossy_plane(np.random.default_rng(3), grid, (18, 36)), dtype)
     lf, chosen = (
         LightField(views, disparity_range=RANGE),
-        FbsVis(**{**OPTIONS, "effort": "fast", "step": 0.25}),
+        FbsVis(**{**DECODED, "step": 0.25}),
     )
     with_it = agree(lf, chosen)
     without = estimate(lf, replace(chosen, gloss=False))
@@ -137,12 +138,12 @@ def test_a_scene_of_one_plane_gives_that_plane(disparity: float) -> None:
 
 
 def test_progress_counts_both_passes() -> None:
-    """And what follows either: a map, gloss, a decision, edges, refinement."""
+    """And what follows either: a map, gloss, a decision, edges, refinement, the network."""
     seen: list[tuple[int, int, str]] = []
     lf = scene(12, size=(40, 44))
     estimate(lf, "fbs-vis", progress=lambda *step: seen.append(step), **OPTIONS)
     planes = len(naive.planes(RANGE, OPTIONS["step"]))
-    after = ["gloss", "decision", "edges", "refinement"]
+    after = ["gloss", "decision", "edges", "refinement", "edge net"]
     steps = ["plane"] * planes + ["first map"] + ["second count"] * planes + after
     assert seen == [(k + 1, len(steps), what) for k, what in enumerate(steps)]
 

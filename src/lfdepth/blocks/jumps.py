@@ -12,10 +12,18 @@ from lfdepth.engines.layout import JUMP_SHARE
 
 def local_range(image: NDArray[np.float32], radius: int) -> NDArray[np.float32]:
     """Largest less smallest value within (2·radius + 1)² windows of an image (H, W), borders repeated."""
+    high, low = local_extremes(image, radius)
+    return high - low
+
+
+def local_extremes(
+    image: NDArray[np.float32], radius: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Largest and smallest value within (2·radius + 1)² windows of an image (H, W), borders repeated."""
     high, low = image, image
     for axis in (0, 1):
         high, low = _along(np.maximum, high, radius, axis), _along(np.minimum, low, radius, axis)
-    return high - low
+    return high, low
 
 
 def near_jumps(disparity: NDArray[np.float32], jump: float, reach: int) -> NDArray[np.bool_]:

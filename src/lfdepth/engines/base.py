@@ -14,7 +14,7 @@ the oracle.
 from __future__ import annotations
 
 from types import TracebackType
-from typing import Any, ClassVar, Literal, Protocol, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Protocol, Self
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -30,6 +30,22 @@ Gradient = Literal["central", "sobel"]
 Delta = Literal["photo", "sign", "none"]
 Box = tuple[slice, slice]
 """Rows and columns of an image."""
+
+
+class EdgeColours(NamedTuple):
+    """What the views show at N pixels beside depth edges, all float32.
+
+    `front` and `back` (N, C) are the colours of the nearer surface inside, and of the farther one at the very
+    pixel, in 8-bit levels; `spreads` (N, 2) their variances, summed over the channels, the first negative
+    where no pixel of the nearer surface is around. `counts` (N, 6): views that see past the edge, and those
+    of them that agree with the pixel at the near, at the far disparity; views that show the place but do not
+    see past, and those of them that agree at the near disparity; all that show it at the near disparity.
+    """
+
+    front: Float
+    back: Float
+    spreads: Float
+    counts: Float
 
 
 class GreyViews(Protocol):
@@ -354,6 +370,20 @@ class Engine(Protocol):
 
         `found` gains the pixels at edges; `surfaces` are those of the map in all views (`surfaces_of`);
         `thresholds` (H, W) in 8-bit levels.
+        """
+
+    def edge_colours(
+        self,
+        views: Any,
+        disparity: Float,
+        places: NDArray[np.int64],
+        sides: Float,
+        surfaces: Any,
+        thresholds: Float,
+    ) -> EdgeColours:
+        """What the views show at pixels `places` (N, 2) of a map, rows and columns, beside depth edges.
+
+        `sides` (N, 2) are the near and the far disparity there; the rest as for `decide_edges`.
         """
 
     def surfaces_of(self, disparity: Float, views: Any, spare: Any = None) -> Any:

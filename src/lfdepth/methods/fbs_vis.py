@@ -8,6 +8,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from lfdepth.blocks.edge_net import AS_THEY_ARE, decide_sides
 from lfdepth.blocks.edges import DepthEdges, EdgeRule
 from lfdepth.blocks.energy import JointEnergy, JointRule
 from lfdepth.blocks.refine import RefineRule, refine_map
@@ -86,6 +87,10 @@ class FbsVis(Method):
     edge_passes: Annotated[
         int, Whole("Passes over the depth edges; each moves them by at most one pixel.", ge=0, le=100)
     ] = 3
+    edge_net: Annotated[
+        bool,
+        Switch("Let a small network decide, last of all, to which surface pixels beside depth edges belong."),
+    ] = True
     effort: Annotated[
         Literal["fast", "normal", "best"],
         Word("Speed against precision: fast skips the refinement between planes, best refines twice."),
@@ -114,7 +119,11 @@ class FbsVis(Method):
         """A first map, its visibility and edges, the second count, gloss, and the map."""
         lf, planes, engine, trace = problem.lf, problem.planes, work.engine, work.trace
         rounds = _ROUNDS[self.effort]
-        trace.steps(len(planes) + 1 + self.visibility * (len(planes) + self.gloss + min(rounds, 1) + 2))
+        trace.steps(
+            len(planes)
+            + 1
+            + self.visibility * (len(planes) + self.gloss + min(rounds, 1) + self.edge_net + 2)
+        )
         rule = self.vote_rule
         with trace.block("preparation"):
             guide = guide_image(lf, self.guide)
@@ -143,19 +152,25 @@ class FbsVis(Method):
             with trace.block("gloss"):
                 energy.replace_glossy()
             trace.step("gloss")
-        disparity, confidence = energy.decide()
+        before, confidence = energy.decide()
         trace.step("decision")
         with trace.block("edges"):
-            disparity = edges.decide(disparity)
+            disparity, sigma = edges.decide(before), None
             confidence = edges.lower_confidence(confidence, disparity)
         trace.step("edges")
-        if rounds == 0:
-            return Maps(disparity, confidence)
-        with trace.block("refinement"):
-            second = energy.ask_signs if self.faint else None
-            refined = refine_map(lf, disparity, RefineRule(rounds=rounds), engine, second)
-        trace.step("refinement")
-        return Maps(refined.disparity, confidence, refined.sigma)
+        if rounds > 0:
+            with trace.block("refinement"):
+                second = energy.ask_signs if self.faint else None
+                refined = refine_map(lf, disparity, RefineRule(rounds=rounds), engine, second)
+                disparity, sigma = refined.disparity, refined.sigma
+            trace.step("refinement")
+        if self.edge_net:
+            with trace.block("edges"):
+                # Pieces of a light field might measure different exponents, and show where they meet.
+                exponent = None if problem.noise is None else AS_THEY_ARE
+                disparity = decide_sides(lf, disparity, before, exponent=exponent, engine=engine)
+            trace.step("edge net")
+        return Maps(disparity, confidence, sigma)
 
     def _energy(self, problem: Problem, guide: NDArray[np.float32], work: Work) -> JointEnergy:
         """The energy, on every second plane until the first map, where there is a second count."""

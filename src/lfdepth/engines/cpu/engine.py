@@ -12,10 +12,11 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from lfdepth.engines.base import Array, Bool, Box, Delta, Float, Gradient
+from lfdepth.engines.base import Array, Bool, Box, Delta, EdgeColours, Float, Gradient
 from lfdepth.engines.cpu import guided, layout, medians
 from lfdepth.engines.cpu.kernels import decode as decode_kernels
 from lfdepth.engines.cpu.kernels import differences as difference_kernels
+from lfdepth.engines.cpu.kernels import edge_colours as edge_colour_kernels
 from lfdepth.engines.cpu.kernels import edges as edge_kernels
 from lfdepth.engines.cpu.kernels import energy as energy_kernels
 from lfdepth.engines.cpu.kernels import entropy as entropy_kernels
@@ -554,6 +555,40 @@ class CpuEngine:
             found,
         )
         return decided
+
+    def edge_colours(
+        self,
+        views: ViewsAsTheyAre,
+        disparity: Float,
+        places: NDArray[np.int64],
+        sides: Float,
+        surfaces: NearestSurfaces,
+        thresholds: Float,
+    ) -> EdgeColours:
+        """Colours and counts of a list of pixels."""
+        size = len(places), views.views.shape[-1]
+        front, back = np.zeros(size, np.float32), np.zeros(size, np.float32)
+        spreads, counts = np.zeros((len(places), 2), np.float32), np.zeros((len(places), 6), np.float32)
+        self.workers.rows(
+            len(places),
+            edge_colour_kernels.edge_colours_kernel,
+            places,
+            sides,
+            disparity,
+            views.views,
+            np.float32(views.to_bytes),
+            views.reference,
+            (views.others, views.offsets),
+            surfaces.data,
+            surfaces.margin,
+            surfaces.row_length,
+            thresholds,
+            front,
+            back,
+            spreads,
+            counts,
+        )
+        return EdgeColours(front, back, spreads, counts)
 
     def median(
         self,

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from lfdepth.engines.base import Bool, Float
+from lfdepth.engines.base import Bool, EdgeColours, Float
 from lfdepth.engines.layout import DISPARITY_PARTS, JUMP_SHARE
 from lfdepth.engines.plain.photo import Surfaces
 from lfdepth.engines.plain.sampling import bilinear, inside
@@ -132,6 +132,31 @@ def decide(
     new = np.where(decidable & leaves, own_far, np.where(decidable & joins, own_near, here))
     decided[y, x] = new
     return decided
+
+
+def edge_colours(
+    views: Views,
+    disparity: Float,
+    places: NDArray[np.int64],
+    sides: Float,
+    surfaces: Surfaces,
+    thresholds: Float,
+) -> EdgeColours:
+    """Both surfaces' colours at some pixels, and how many views agree with either."""
+    near, far = (each(disparity, 3, mode="nearest") for each in _EXTREMES)
+    y, x = places.T
+    levels = views.reference.astype(np.float64) * (255 / views.full_scale)
+    own, limit = levels[y, x], levels.shape[2] * thresholds[y, x]
+    front, front_spread, has_front = _front_colour(disparity, near, far, levels, y, x)
+    behind, sees = _colours(views, y, x, sides[:, 1], surfaces, sides[:, 0])
+    back, back_spread = _back_colour(behind, sees)
+    ahead, shown = _colours(views, y, x, sides[:, 0])
+    hides = _colours(views, y, x, sides[:, 1])[1] & ~sees
+    at_near, at_far = (np.abs(each - own).sum(axis=2) < limit for each in (ahead, behind))
+    counted = sees, sees & shown & at_near, sees & at_far, hides, hides & shown & at_near, shown
+    spreads = np.stack([np.where(has_front, front_spread, -1), back_spread], axis=1)
+    counts = np.stack([each.sum(axis=0) for each in counted], axis=1)
+    return EdgeColours(*(np.asarray(each, np.float32) for each in (front, back, spreads, counts)))
 
 
 def edges(disparity: Float, near: Float, far: Float, jump: float) -> Bool:

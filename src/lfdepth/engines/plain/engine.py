@@ -13,7 +13,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from lfdepth.engines.base import Array, Bool, Box, Delta, Float, Gradient
+from lfdepth.engines.base import Array, Bool, Box, Delta, EdgeColours, Float, Gradient
 from lfdepth.engines.layout import SHARE_LEVELS, SURFACE_JUMP
 from lfdepth.engines.plain import (
     costs,
@@ -374,6 +374,18 @@ class NumpyEngine:
     ) -> Float:
         """Decide every pixel beside an edge once."""
         return edges.decide(views, disparity, surfaces, thresholds, found, jump, spread, inertia)
+
+    def edge_colours(
+        self,
+        views: Views,
+        disparity: Float,
+        places: NDArray[np.int64],
+        sides: Float,
+        surfaces: Surfaces,
+        thresholds: Float,
+    ) -> EdgeColours:
+        """Colours and counts of a list of pixels."""
+        return edges.edge_colours(views, disparity, places, sides, surfaces, thresholds)
 
     def surfaces_of(self, disparity: Float, views: Views, spare: Surfaces | None = None) -> Surfaces:
         """Splat a map."""
