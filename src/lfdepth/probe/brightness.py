@@ -9,6 +9,7 @@ times those of the scene, plus an offset: few parameters, so that nothing of the
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from lfdepth.engines import using
 from lfdepth.lightfield import FULL_SCALE, LUMA, LightField, reference_index
+from lfdepth.probe.levels import unevenness, view_levels
 from lfdepth.probe.matching import make_probe, match, plane_range, shrink_to, widest
 from lfdepth.probe.ranges import coarse_range
 
@@ -29,16 +31,19 @@ Array = NDArray[np.float64]
 _SIDE, _WINDOWS = 256, 64
 # Shorter side, px, of the smallest views that tell gains from what differs at their borders.
 _SMALLEST = 64
+_TOO_SMALL = f"views under {_SMALLEST} px"
 _RINGS = 1.0, 1 / 3
 # Samples at most, and at least.
 _SAMPLES, _FEWEST = 2000, 100
-_ROUNDS, _TURNS = 4, 3
+# Turns of fitting shading and lines, while parts of the model are chosen and at the end: offsets and shading
+# explain some of each other.
+_TURNS, _LAST_TURNS = 3, 6
 # Multiples of the scatter up to which samples are trusted, round by round. What is hidden in part, as behind
 # wires, is off by little and to one side: the last rounds leave it out.
 _TRUSTED = 2.0, 2.0, 1.0, 1.0, 1.0
 # Share of the views that tell of a sample whether it is hidden somewhere; error beyond which it is, times
 # that of the typical sample; error where a sample is not seen, in units of the scatter.
-_MOST, _SELECTED, _TYPICAL = 0.75, 0.7, 0.67
+_MOST, _SELECTED, _TYPICAL = 0.75, 0.5, 0.67
 # How many samples tell how far they scatter.
 _ENOUGH = 400
 # What offsets (of full scale) and terms of the shading are expected to be, where the views do not tell.
@@ -49,9 +54,12 @@ _ERROR = 0.01
 _NOTABLE, _APART = 0.002, 0.5
 # By which share parts of the model have to lessen what is left: gloss, occlusion and noise do by less.
 _VIGNETTING, _SHADING, _OFFSET = 0.01, 0.08, 0.045
-# Coefficient of x² + y² above which vignetting is none; rounding, of full scale.
+# Offsets that lessen it by less are there where two halves of the picture find the same ones: correlation
+# between them, and what they agree on, of full scale. Blocks along a side of the picture, halves in turn.
+_ALIKE, _AGREED, _BLOCKS = 0.9, 0.005, 6
 # Ways in which shading falls; the least base of a power.
 _POWERS, _LEAST_FACTOR = (1000.0, 1.0, -2.0), 0.05
+# Coefficient of x² + y² above which vignetting is none; rounding, of full scale.
 _FAINT_VIGNETTING, _ROUNDING = -0.04, 0.0003
 # A view is left out where fewer samples agree than this share of what agrees in the typical view.
 _AGREEING = 0.5
@@ -85,6 +93,9 @@ class Equalisation:
         Whether the differences are large enough to correct.
     power : float
         How shading falls: 1 as a polynomial does, −2 as cos⁴ of the angle does, 1000 as an exponential does.
+    suspected : float
+        By how much the mean levels of views differ, of their level, where views are too small to measure
+        more and the scene does not explain it; otherwise 0.
 
     Examples
     --------
@@ -103,6 +114,7 @@ class Equalisation:
     samples: int
     needed: bool
     power: float = 1000.0
+    suspected: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
         """Plain dictionary that JSON can hold."""
@@ -115,6 +127,7 @@ class Equalisation:
             "offset": self.offset.tolist(),
             "shading": self.shading.tolist(),
             "shading_power": self.power,
+            "suspected": self.suspected,
             "message": self.message,
         }
 
@@ -133,10 +146,13 @@ class Equalisation:
     @property
     def message(self) -> str:
         """What was found, in one line."""
-        if not self.samples:
-            return "not measured: too little texture"
         left_out = int(self.left_out.sum())
         dark = f"{left_out} dark or foreign views ignored" if left_out else ""
+        if not self.samples:
+            unlike = f"differs between views by {100 * self.suspected:.0f} %, not equalised: {_TOO_SMALL}"
+            return "; ".join(
+                filter(None, [unlike if self.suspected else "not measured: too little texture", dark])
+            )
         if not self.needed:
             return "; ".join(filter(None, ["the same in all views", dark]))
         kept = ~self.left_out & (self.effect > 0)
@@ -227,7 +243,8 @@ def measure_brightness(
 ) -> Equalisation:
     """Measure how the brightness of the views differs from the reference view's.
 
-    Views whose shorter side is below 64 px are too small for that.
+    Views whose shorter side is below 64 px are too small for that: of them it is only told whether their mean
+    levels differ by more than the scene explains (`Equalisation.suspected`).
 
     Parameters
     ----------
@@ -255,7 +272,9 @@ def measure_brightness(
     'the same in all views'
     """
     if min(lf.height, lf.width) < _SMALLEST:
-        return _unknown(lf)
+        found, levels = _unknown(lf), view_levels(lf)
+        levels[found.left_out] = np.nan
+        return replace(found, suspected=unevenness(levels, lf.centre))
     with using(engine, threads=threads) as used:
         if disparity is None:
             disparity = first_map(lf, range, used)
@@ -310,12 +329,13 @@ def _fitted(lf: LightField, disparity: NDArray[Any] | None, engine: Engine) -> E
 
 
 def _unknown(lf: LightField) -> Equalisation:
+    """Nothing but which views are dark."""
     v, u, channels = *lf.shape[:2], lf.shape[4]
     return Equalisation(
         np.ones((v, u, channels)),
         np.zeros((v, u, channels)),
         np.zeros((v, u, 5)),
-        np.zeros((v, u), np.bool_),
+        view_levels(lf) < _DARKEST,
         np.zeros((v, u)),
         0,
         False,
@@ -343,13 +363,13 @@ class _Fit:
         self.luma = LUMA if levels.shape[2] == 3 else np.ones(1, np.float32)
         self.select()
 
-    def fit(self) -> None:
+    def fit(self, turns: int = _TURNS) -> None:
         """Shading from logarithms, gains and offsets channel by channel, in turn."""
         views, _, channels = self.levels.shape
         self.gain, self.offset = np.ones((views, channels)), np.zeros((views, channels))
         self.shading = np.zeros((views, 5))
         shaded = self.with_vignetting or self.with_shading
-        for _ in range(_TURNS if shaded and self.with_offset else 1):
+        for _ in range(turns if shaded and self.with_offset else 1):
             if shaded:
                 self._fit_shading()
             self._fit_gains()
@@ -375,7 +395,7 @@ class _Fit:
         shared_radius = radius if self.with_vignetting else np.zeros_like(radius)
         weight = np.where(usable, lit**2, 0).astype(np.float32)
         solved, common = np.zeros((views, design.shape[-1])), 0.0
-        for _ in range(_ROUNDS):
+        for multiple in _TRUSTED:
             # logarithms of the factors, and how they change with the parameters, about those of before
             own = np.einsum("vnk,vk->vn", design[..., 1:], solved[:, 1:].astype(np.float32))
             base = np.maximum(1 + (own + common * shared_radius) / self.power, _LEAST_FACTOR)
@@ -389,7 +409,8 @@ class _Fit:
             solved, common = _arrow(turned, column, about, weight / _ERROR**2, np.array(prior))
             fitted = np.einsum("vnk,vk->vn", turned, solved.astype(np.float32)) + np.float32(common) * column
             error = np.abs(about - fitted) * lit
-            weight = usable * lit**2 * _trust(error / _scale(error, usable))
+            relative = error / _scale(error, usable)
+            weight = usable * lit**2 * _trust(relative, multiple) * _shown_everywhere(relative, usable)
         self.shading = solved[:, 1:] if self.with_shading else np.zeros((views, 5))
         self.shading = self.shading - self.shading[self.centre]
         self.shading[:, [2, 4]] += common
@@ -435,7 +456,40 @@ class _Fit:
         self._try("with_shading", _SHADING)
         if self.with_vignetting:
             self._choose_power()
-        self._try("with_offset", _OFFSET)
+        self._try_offsets()
+        if self.with_offset:
+            self.fit(_LAST_TURNS)
+
+    def _try_offsets(self) -> None:
+        """Fit with offsets; undo it unless less is left of the differences, or the picture's halves agree."""
+        before, state = self.left, dict(vars(self))
+        self.with_offset = True
+        self.fit()
+        if self.left > (1 - _OFFSET) * before and not self._same_offsets():
+            vars(self).update(state)
+
+    def _same_offsets(self) -> bool:
+        """Whether two halves of the picture, a chequerboard, find the same offsets.
+
+        Where many samples scatter for other reasons, as behind wires, offsets hardly lessen what is left.
+        """
+        seen = np.array(self.valid.any(axis=(1, 2)))
+        seen[self.centre] = False
+        if not seen.any() or _agreed(self.offset[seen], self.offset[seen]) < _AGREED:
+            return False
+        x, y = np.floor((self.terms[self.centre, :, :2].T + 1) * (_BLOCKS / 2))
+        half = (x + y) % 2 == 0
+        one, other = (self._offsets_of(part)[seen] for part in (half, ~half))
+        agreed = _agreed(one, other)
+        usual = (_agreed(one, one) * _agreed(other, other)) ** 0.5
+        return bool(agreed > max(_AGREED, _ALIKE**0.5 * usual))
+
+    def _offsets_of(self, part: NDArray[np.bool_]) -> Array:
+        """Offsets (V·U, C) that some of the samples (N,) ask for, with the same parts of the model."""
+        some = copy(self)
+        some.levels, some.valid, some.terms = self.levels[:, part], self.valid[:, part], self.terms[:, part]
+        some.fit()
+        return some.offset
 
     def _choose_power(self) -> None:
         """The way of falling that leaves the least difference."""
@@ -522,6 +576,11 @@ def _arrow(
     product = float((rest * target).sum()) - float((right[..., 1] * own[..., 0]).sum())
     common = min(product / (square + _USUAL_SHADING**-2), 0.0)  # corners are never brighter
     return own[..., 0] - common * own[..., 1], common
+
+
+def _agreed(one: Array, other: Array) -> float:
+    """Root of the mean product of two estimates of offsets: their size, where errors are independent."""
+    return float(np.sqrt(max(float((one * other).mean()), 0.0)))
 
 
 def _median(values: NDArray[Any], valid: NDArray[np.bool_]) -> Array:
