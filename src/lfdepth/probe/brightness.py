@@ -54,11 +54,14 @@ _ERROR = 0.01
 _NOTABLE, _APART = 0.002, 0.5
 # By which share parts of the model have to lessen what is left: gloss, occlusion and noise do by less.
 _VIGNETTING, _SHADING, _OFFSET = 0.01, 0.08, 0.045
-# Offsets that lessen it by less are there where two halves of the picture find the same ones: correlation
-# between them, and what they agree on, of full scale. Blocks along a side of the picture, halves in turn.
+# Offsets have to be the same in two halves of the picture: correlation; size, of full scale, from which they
+# may lessen what is left by less. Blocks along a side of the picture, which belong to either half in turn.
 _ALIKE, _AGREED, _BLOCKS = 0.9, 0.005, 6
 # Ways in which shading falls; the least base of a power.
 _POWERS, _LEAST_FACTOR = (1000.0, 1.0, -2.0), 0.05
+# Shading is that of one lens, a polynomial of this degree over the grid of views, unless the halves of the
+# picture agree, by this correlation, on what each view has besides, of at least this size. Rounds of fitting.
+_DEGREE, _OWN, _OWN_SIZE, _SMOOTHINGS = 3, 0.5, 0.005, 4
 # Coefficient of x² + y² above which vignetting is none; rounding, of full scale.
 _FAINT_VIGNETTING, _ROUNDING = -0.04, 0.0003
 # A view is left out where fewer samples agree than this share of what agrees in the typical view.
@@ -324,8 +327,7 @@ def _fitted(lf: LightField, disparity: NDArray[Any] | None, engine: Engine) -> E
             for at, step, size in zip(points.T, steps.T, lf.shape[2:4], strict=True)
         )
     )
-    centre = lf.centre[0] * lf.shape[1] + lf.centre[1]
-    return _Fit(levels, valid, terms, centre).result(lf.available)
+    return _Fit(levels, valid, terms, lf.shape[:2]).result(lf.available)
 
 
 def _unknown(lf: LightField) -> Equalisation:
@@ -357,9 +359,15 @@ class _Fit:
     """Gain, offset and shading per view, fitted robustly to samples."""
 
     def __init__(
-        self, levels: NDArray[np.float32], valid: NDArray[np.bool_], terms: NDArray[np.float32], centre: int
+        self,
+        levels: NDArray[np.float32],
+        valid: NDArray[np.bool_],
+        terms: NDArray[np.float32],
+        grid: tuple[int, int],
     ) -> None:
-        self.levels, self.valid, self.terms, self.centre = levels, valid, terms, centre
+        self.levels, self.valid, self.terms, self.grid = levels, valid, terms, grid
+        v, u = reference_index(grid)
+        self.centre = v * grid[1] + u
         self.luma = LUMA if levels.shape[2] == 3 else np.ones(1, np.float32)
         self.select()
 
@@ -413,6 +421,8 @@ class _Fit:
             weight = usable * lit**2 * _trust(relative, multiple) * _shown_everywhere(relative, usable)
         self.shading = solved[:, 1:] if self.with_shading else np.zeros((views, 5))
         self.shading = self.shading - self.shading[self.centre]
+        if self.one_lens:
+            self.shading = self._over_grid(self.shading)
         self.shading[:, [2, 4]] += common
 
     def _fit_gains(self) -> None:
@@ -446,7 +456,7 @@ class _Fit:
 
     def select(self) -> None:
         """Keep only those parts of the model that make the views agree notably better."""
-        self.with_shading = self.with_vignetting = self.with_offset = False
+        self.with_shading = self.with_vignetting = self.with_offset = self.one_lens = False
         self.power = _POWERS[0]
         self.fit()
         self._try("with_vignetting", _VIGNETTING)
@@ -459,37 +469,73 @@ class _Fit:
         self._try_offsets()
         if self.with_offset:
             self.fit(_LAST_TURNS)
+        if self.with_shading:
+            self.one_lens = not self._own_shading()
+        if self.one_lens:
+            self.fit(_LAST_TURNS)
 
     def _try_offsets(self) -> None:
-        """Fit with offsets; undo it unless less is left of the differences, or the picture's halves agree."""
+        """Fit with offsets; undo it unless two halves of the picture find the same ones."""
         before, state = self.left, dict(vars(self))
         self.with_offset = True
         self.fit()
-        if self.left > (1 - _OFFSET) * before and not self._same_offsets():
+        if not self._same_offsets(0.0 if self.left < (1 - _OFFSET) * before else _AGREED):
             vars(self).update(state)
 
-    def _same_offsets(self) -> bool:
-        """Whether two halves of the picture, a chequerboard, find the same offsets.
+    def _same_offsets(self, least: float) -> bool:
+        """Whether two halves of the picture find the same offsets, of at least this size.
 
         Where many samples scatter for other reasons, as behind wires, offsets hardly lessen what is left.
         """
         seen = np.array(self.valid.any(axis=(1, 2)))
         seen[self.centre] = False
-        if not seen.any() or _agreed(self.offset[seen], self.offset[seen]) < _AGREED:
+        if not seen.any() or _agreed(self.offset[seen], self.offset[seen]) <= least:
             return False
-        x, y = np.floor((self.terms[self.centre, :, :2].T + 1) * (_BLOCKS / 2))
-        half = (x + y) % 2 == 0
-        one, other = (self._offsets_of(part)[seen] for part in (half, ~half))
-        agreed = _agreed(one, other)
-        usual = (_agreed(one, one) * _agreed(other, other)) ** 0.5
-        return bool(agreed > max(_AGREED, _ALIKE**0.5 * usual))
+        halves = self._halves()
+        for half in halves:
+            half.fit()
+        one, other = (half.offset[seen] for half in halves)
+        return _agreed(one, other) > least and _alike(one, other) > _ALIKE
 
-    def _offsets_of(self, part: NDArray[np.bool_]) -> Array:
-        """Offsets (V·U, C) that some of the samples (N,) ask for, with the same parts of the model."""
-        some = copy(self)
-        some.levels, some.valid, some.terms = self.levels[:, part], self.valid[:, part], self.terms[:, part]
-        some.fit()
-        return some.offset
+    def _own_shading(self) -> bool:
+        """Whether the halves find the same shading beside what changes smoothly over the grid of views."""
+        beside = []
+        for half in self._halves():
+            half._fit_shading()
+            shading = half.shading - half.shading[self.centre]
+            beside.append(shading - self._over_grid(shading))
+        one, other = beside
+        return _agreed(one, other) > _OWN_SIZE and _alike(one, other) > _OWN
+
+    def _halves(self) -> list[_Fit]:
+        """Copies that know one half each of the picture, whose blocks take turns as on a chessboard."""
+        x, y = np.floor((self.terms[self.centre, :, :2].T + 1) * (_BLOCKS / 2))
+        white = (x + y) % 2 == 0
+        halves = []
+        for part in (white, ~white):
+            half = copy(self)
+            half.levels, half.valid = self.levels[:, part], self.valid[:, part]
+            half.terms = self.terms[:, part]
+            halves.append(half)
+        return halves
+
+    def _over_grid(self, shading: Array) -> Array:
+        """Cubic over the grid of views nearest to what (V·U, 5) differs from the reference view, robustly."""
+        axes = (np.linspace(-1, 1, size) if size > 1 else np.zeros(1) for size in self.grid)
+        v, u = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
+        design = np.stack([v**i * u**j for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)], axis=1)
+        seen = np.array(self.valid.any(axis=(1, 2)))
+        seen[self.centre] = False
+        smooth = shading
+        weight: NDArray[np.floating] = seen.astype(np.float64)
+        for _ in range(_SMOOTHINGS):
+            root = np.sqrt(weight)[:, None]
+            smooth = design @ np.linalg.lstsq(root * design, root * shading, rcond=None)[0]
+            error = np.sqrt(((shading - smooth) ** 2).sum(axis=1))
+            usual = float(np.median(error[seen])) if seen.any() else 0.0
+            weight = seen * _trust(error / max(usual, 1e-9))
+        # what all views but the reference view seem to have is an error of its samples
+        return np.asarray(smooth - smooth[self.centre])
 
     def _choose_power(self) -> None:
         """The way of falling that leaves the least difference."""
@@ -581,6 +627,11 @@ def _arrow(
 def _agreed(one: Array, other: Array) -> float:
     """Root of the mean product of two estimates of offsets: their size, where errors are independent."""
     return float(np.sqrt(max(float((one * other).mean()), 0.0)))
+
+
+def _alike(one: Array, other: Array) -> float:
+    """Correlation of two estimates of differences."""
+    return float((one * other).sum() / max(float(np.sqrt((one**2).sum() * (other**2).sum())), 1e-12))
 
 
 def _median(values: NDArray[Any], valid: NDArray[np.bool_]) -> Array:
