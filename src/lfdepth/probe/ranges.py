@@ -107,7 +107,8 @@ def find_range(
     ------
     LightFieldError
         If the views agree on no disparity, because there is no texture or their order is wrong; if
-        disparities reach the limit; or if the limit is not positive.
+        disparities reach the limit, be it only in views next to the reference view; or if the limit is not
+        positive.
 
     Examples
     --------
