@@ -35,9 +35,8 @@ _TOO_SMALL = f"views under {_SMALLEST} px"
 _RINGS = 1.0, 1 / 3
 # Samples at most, and at least.
 _SAMPLES, _FEWEST = 2000, 100
-# Turns of fitting shading and lines, while parts of the model are chosen and at the end: offsets and shading
-# explain some of each other.
-_TURNS, _LAST_TURNS = 3, 6
+# Turns of fitting shading, then gains and offsets.
+_TURNS = 3
 # Multiples of the scatter up to which samples are trusted, round by round. What is hidden in part, as behind
 # wires, is off by little and to one side: the last rounds leave it out.
 _TRUSTED = 2.0, 2.0, 1.0, 1.0, 1.0
@@ -54,9 +53,10 @@ _ERROR = 0.01
 _NOTABLE, _APART = 0.002, 0.5
 # By which share parts of the model have to lessen what is left: gloss, occlusion and noise do by less.
 _VIGNETTING, _SHADING, _OFFSET = 0.01, 0.08, 0.045
-# Offsets have to be the same in two halves of the picture: correlation; size, of full scale, from which they
-# may lessen what is left by less. Blocks along a side of the picture, which belong to either half in turn.
-_ALIKE, _AGREED, _BLOCKS = 0.9, 0.005, 6
+# Offsets and shading have to be the same in two halves of the picture: correlation; size of offsets, of full
+# scale, from which they may lessen what is left by less; by so much, only offsets do. Blocks along a side of
+# the picture, which belong to either half in turn.
+_ALIKE, _AGREED, _SURELY, _BLOCKS = 0.9, 0.005, 0.12, 6
 # Ways in which shading falls; the least base of a power.
 _POWERS, _LEAST_FACTOR = (1000.0, 1.0, -2.0), 0.05
 # Shading is that of one lens, a polynomial of this degree over the grid of views, unless the halves of the
@@ -371,13 +371,14 @@ class _Fit:
         self.luma = LUMA if levels.shape[2] == 3 else np.ones(1, np.float32)
         self.select()
 
-    def fit(self, turns: int = _TURNS) -> None:
-        """Shading from logarithms, gains and offsets channel by channel, in turn."""
-        views, _, channels = self.levels.shape
-        self.gain, self.offset = np.ones((views, channels)), np.zeros((views, channels))
-        self.shading = np.zeros((views, 5))
+    def fit(self, again: bool = False) -> None:
+        """Shading from logarithms, gains and offsets by channel, in turn; `again` from those found."""
+        if not again:
+            views, _, channels = self.levels.shape
+            self.gain, self.offset = np.ones((views, channels)), np.zeros((views, channels))
+            self.shading = np.zeros((views, 5))
         shaded = self.with_vignetting or self.with_shading
-        for _ in range(turns if shaded and self.with_offset else 1):
+        for _ in range(_TURNS if shaded and self.with_offset else 1):
             if shaded:
                 self._fit_shading()
             self._fit_gains()
@@ -463,23 +464,27 @@ class _Fit:
         if self.with_vignetting and self.shading[self.centre, 2] > _FAINT_VIGNETTING:
             self.with_vignetting = False
             self.fit()
+        state = dict(vars(self))
         self._try("with_shading", _SHADING)
+        if self.with_shading and _alike(*self._shading_of_halves()) < _ALIKE:
+            vars(self).update(state)
         if self.with_vignetting:
             self._choose_power()
         self._try_offsets()
-        if self.with_offset:
-            self.fit(_LAST_TURNS)
+        if self.with_offset and self.with_vignetting:
+            self.fit(again=True)  # they explain some of each other
         if self.with_shading:
             self.one_lens = not self._own_shading()
         if self.one_lens:
-            self.fit(_LAST_TURNS)
+            self.fit(again=True)
 
     def _try_offsets(self) -> None:
         """Fit with offsets; undo it unless two halves of the picture find the same ones."""
         before, state = self.left, dict(vars(self))
         self.with_offset = True
         self.fit()
-        if not self._same_offsets(0.0 if self.left < (1 - _OFFSET) * before else _AGREED):
+        fall = 1 - self.left / before
+        if fall < _SURELY and not self._same_offsets(0.0 if fall > _OFFSET else _AGREED):
             vars(self).update(state)
 
     def _same_offsets(self, least: float) -> bool:
@@ -499,13 +504,16 @@ class _Fit:
 
     def _own_shading(self) -> bool:
         """Whether the halves find the same shading beside what changes smoothly over the grid of views."""
-        beside = []
+        one, other = (shading - self._over_grid(shading) for shading in self._shading_of_halves())
+        return _agreed(one, other) > _OWN_SIZE and _alike(one, other) > _OWN
+
+    def _shading_of_halves(self) -> list[Array]:
+        """What the views' shading (V·U, 5) differs from the reference view's, as either half finds it."""
+        found = []
         for half in self._halves():
             half._fit_shading()
-            shading = half.shading - half.shading[self.centre]
-            beside.append(shading - self._over_grid(shading))
-        one, other = beside
-        return _agreed(one, other) > _OWN_SIZE and _alike(one, other) > _OWN
+            found.append(half.shading - half.shading[self.centre])
+        return found
 
     def _halves(self) -> list[_Fit]:
         """Copies that know one half each of the picture, whose blocks take turns as on a chessboard."""
