@@ -197,3 +197,16 @@ def test_without_texture_it_says_so() -> None:
 def test_limits_that_are_none(limit: float) -> None:
     with pytest.raises(LightFieldError, match="limit: found"):
         find_range(plane(0), limit=limit)
+
+
+@pytest.mark.parametrize(("grid", "near"), [((5, 5), 28.0), ((7, 7), 18.0), ((1, 9), 15.0)])
+def test_what_only_inner_views_show_is_not_cut_off(grid: tuple[int, int], near: float) -> None:
+    """The front moves by more than half the picture in the outer views; the wall does not."""
+    views, _ = two_planes(np.random.default_rng(3), grid, (80, 96), near, 1.0)
+    lf = LightField(quantise(views[..., None], "uint8"))
+    with pytest.raises(LightFieldError, match="disparities reach the search limit"):
+        find_range(lf)
+    wall, _ = two_planes(np.random.default_rng(3), grid, (80, 96), 2.0, 1.0)
+    low, high = find_range(LightField(quantise(wall[..., None], "uint8")))
+    assert 0.7 < low < 1.0
+    assert 2.0 < high < 2.3

@@ -82,6 +82,58 @@ def test_gains_of_channels_and_offsets_are_found(leaves: LightField) -> None:
     assert np.sqrt((error**2).mean()) < 0.0045
 
 
+@pytest.mark.parametrize(
+    ("name", "size", "seed", "limit"),
+    [("leaves", 96, 1, 0.0015), pytest.param("fence", 192, 3, 0.0025, marks=pytest.mark.slow)],
+)
+def test_offsets_are_found_where_they_hardly_lessen_what_is_left(
+    name: str, size: int, seed: int, limit: float
+) -> None:
+    """Two halves of the picture find the same ones. As gains they would leave up to 0.8 % of full scale."""
+    lf = scenes.render(name, size=size, views=9, seed=seed, samples=2)
+    spoiled = spoil(lf, Imperfections(offset=0.02, noise=NOISE))
+    found = lfdepth.measure_brightness(spoiled)
+    assert found.offset.any()
+    mended = lfdepth.equalise(spoiled, found).views / 65535
+    error = (mended - lf.views / 255).mean(axis=(2, 3, 4))
+    assert np.sqrt((error**2).mean()) < limit
+    without = (spoiled.views / 255.0 - lf.views / 255).mean(axis=(2, 3, 4))
+    assert np.sqrt((without**2).mean()) > 0.015
+
+
+def test_small_views_that_differ_are_told_from_others() -> None:
+    """Views under 64 px are not equalised, but it is said that they differ."""
+    for number, name in enumerate(scenes.NAMES):
+        size, views = ((32, 5), (48, 3), (60, 5))[number % 3]
+        lf = scenes.render(name, size=size, views=views, seed=number, samples=1)
+        found = lfdepth.measure_brightness(lf)
+        assert found.suspected == 0, name
+        assert not found.left_out.any(), name
+        for case in (Imperfections(gain=0.05, noise=NOISE), Imperfections(falloff=0.75, noise=NOISE)):
+            assert 0.02 < lfdepth.measure_brightness(spoil(lf, case)).suspected < 0.27, name
+
+
+def test_small_views_that_differ_warn() -> None:
+    lf = scenes.render("leaves", size=48, views=9, seed=3, samples=2)
+    spoiled = spoil(lf, Imperfections(gain=0.05, noise=NOISE))
+    found = lfdepth.measure_brightness(spoiled)
+    assert abs(found.suspected - 0.05) < 0.01
+    assert "not equalised" in found.message
+    checks = lfdepth.estimate(spoiled, "fbs", threads=1).checks
+    assert checks is not None
+    assert any("brightness seems to differ" in words for words in checks.warnings)
+    assert lfdepth.estimate(lf, "fbs", threads=1).checks.warnings == ()  # type: ignore[union-attr]
+
+
+def test_small_views_that_are_dark_are_left_out() -> None:
+    lf = scenes.render("leaves", size=48, views=5, seed=3, samples=2)
+    views = lf.views.copy()
+    views[0, 0] = 1
+    found = lfdepth.measure_brightness(replace(lf, views=views))
+    assert np.argwhere(found.left_out).tolist() == [[0, 0]]
+    assert found.suspected == 0
+
+
 def test_equalised_views_are_what_they_would_have_been(leaves: LightField) -> None:
     spoiled = spoil(leaves, Imperfections(gain=0.1, offset=0.02, white_balance=0.05, falloff=0.6))
     mended = lfdepth.equalise(spoiled, lfdepth.measure_brightness(spoiled))

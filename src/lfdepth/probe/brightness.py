@@ -9,6 +9,7 @@ times those of the scene, plus an offset: few parameters, so that nothing of the
 from __future__ import annotations
 
 from collections.abc import Mapping
+from copy import copy
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from lfdepth.engines import using
 from lfdepth.lightfield import FULL_SCALE, LUMA, LightField, reference_index
+from lfdepth.probe.levels import unevenness, view_levels
 from lfdepth.probe.matching import make_probe, match, plane_range, shrink_to, widest
 from lfdepth.probe.ranges import coarse_range
 
@@ -29,16 +31,18 @@ Array = NDArray[np.float64]
 _SIDE, _WINDOWS = 256, 64
 # Shorter side, px, of the smallest views that tell gains from what differs at their borders.
 _SMALLEST = 64
+_TOO_SMALL = f"views under {_SMALLEST} px"
 _RINGS = 1.0, 1 / 3
 # Samples at most, and at least.
 _SAMPLES, _FEWEST = 2000, 100
-_ROUNDS, _TURNS = 4, 3
+# Turns of fitting shading, then gains and offsets.
+_TURNS = 3
 # Multiples of the scatter up to which samples are trusted, round by round. What is hidden in part, as behind
 # wires, is off by little and to one side: the last rounds leave it out.
 _TRUSTED = 2.0, 2.0, 1.0, 1.0, 1.0
 # Share of the views that tell of a sample whether it is hidden somewhere; error beyond which it is, times
 # that of the typical sample; error where a sample is not seen, in units of the scatter.
-_MOST, _SELECTED, _TYPICAL = 0.75, 0.7, 0.67
+_MOST, _SELECTED, _TYPICAL = 0.75, 0.5, 0.67
 # How many samples tell how far they scatter.
 _ENOUGH = 400
 # What offsets (of full scale) and terms of the shading are expected to be, where the views do not tell.
@@ -49,9 +53,16 @@ _ERROR = 0.01
 _NOTABLE, _APART = 0.002, 0.5
 # By which share parts of the model have to lessen what is left: gloss, occlusion and noise do by less.
 _VIGNETTING, _SHADING, _OFFSET = 0.01, 0.08, 0.045
-# Coefficient of x² + y² above which vignetting is none; rounding, of full scale.
+# Offsets and shading have to be the same in two halves of the picture: correlation; size of offsets, of full
+# scale, from which they may lessen what is left by less; by so much, only offsets do. Blocks along a side of
+# the picture, which belong to either half in turn.
+_ALIKE, _AGREED, _SURELY, _BLOCKS = 0.9, 0.005, 0.12, 6
 # Ways in which shading falls; the least base of a power.
 _POWERS, _LEAST_FACTOR = (1000.0, 1.0, -2.0), 0.05
+# Shading is that of one lens, a polynomial of this degree over the grid of views, unless the halves of the
+# picture agree, by this correlation, on what each view has besides, of at least this size. Rounds of fitting.
+_DEGREE, _OWN, _OWN_SIZE, _SMOOTHINGS = 3, 0.5, 0.005, 4
+# Coefficient of x² + y² above which vignetting is none; rounding, of full scale.
 _FAINT_VIGNETTING, _ROUNDING = -0.04, 0.0003
 # A view is left out where fewer samples agree than this share of what agrees in the typical view.
 _AGREEING = 0.5
@@ -85,6 +96,9 @@ class Equalisation:
         Whether the differences are large enough to correct.
     power : float
         How shading falls: 1 as a polynomial does, −2 as cos⁴ of the angle does, 1000 as an exponential does.
+    suspected : float
+        By how much the mean levels of views differ, of their level, where views are too small to measure
+        more and the scene does not explain it; otherwise 0.
 
     Examples
     --------
@@ -103,6 +117,7 @@ class Equalisation:
     samples: int
     needed: bool
     power: float = 1000.0
+    suspected: float = 0.0
 
     def as_dict(self) -> dict[str, Any]:
         """Plain dictionary that JSON can hold."""
@@ -115,6 +130,7 @@ class Equalisation:
             "offset": self.offset.tolist(),
             "shading": self.shading.tolist(),
             "shading_power": self.power,
+            "suspected": self.suspected,
             "message": self.message,
         }
 
@@ -133,10 +149,13 @@ class Equalisation:
     @property
     def message(self) -> str:
         """What was found, in one line."""
-        if not self.samples:
-            return "not measured: too little texture"
         left_out = int(self.left_out.sum())
         dark = f"{left_out} dark or foreign views ignored" if left_out else ""
+        if not self.samples:
+            unlike = f"differs between views by {100 * self.suspected:.0f} %, not equalised: {_TOO_SMALL}"
+            return "; ".join(
+                filter(None, [unlike if self.suspected else "not measured: too little texture", dark])
+            )
         if not self.needed:
             return "; ".join(filter(None, ["the same in all views", dark]))
         kept = ~self.left_out & (self.effect > 0)
@@ -227,7 +246,8 @@ def measure_brightness(
 ) -> Equalisation:
     """Measure how the brightness of the views differs from the reference view's.
 
-    Views whose shorter side is below 64 px are too small for that.
+    Views whose shorter side is below 64 px are too small for that: of them it is only told whether their mean
+    levels differ by more than the scene explains (`Equalisation.suspected`).
 
     Parameters
     ----------
@@ -255,7 +275,9 @@ def measure_brightness(
     'the same in all views'
     """
     if min(lf.height, lf.width) < _SMALLEST:
-        return _unknown(lf)
+        found, levels = _unknown(lf), view_levels(lf)
+        levels[found.left_out] = np.nan
+        return replace(found, suspected=unevenness(levels, lf.centre))
     with using(engine, threads=threads) as used:
         if disparity is None:
             disparity = first_map(lf, range, used)
@@ -305,17 +327,17 @@ def _fitted(lf: LightField, disparity: NDArray[Any] | None, engine: Engine) -> E
             for at, step, size in zip(points.T, steps.T, lf.shape[2:4], strict=True)
         )
     )
-    centre = lf.centre[0] * lf.shape[1] + lf.centre[1]
-    return _Fit(levels, valid, terms, centre).result(lf.available)
+    return _Fit(levels, valid, terms, lf.shape[:2]).result(lf.available)
 
 
 def _unknown(lf: LightField) -> Equalisation:
+    """Nothing but which views are dark."""
     v, u, channels = *lf.shape[:2], lf.shape[4]
     return Equalisation(
         np.ones((v, u, channels)),
         np.zeros((v, u, channels)),
         np.zeros((v, u, 5)),
-        np.zeros((v, u), np.bool_),
+        view_levels(lf) < _DARKEST,
         np.zeros((v, u)),
         0,
         False,
@@ -337,17 +359,24 @@ class _Fit:
     """Gain, offset and shading per view, fitted robustly to samples."""
 
     def __init__(
-        self, levels: NDArray[np.float32], valid: NDArray[np.bool_], terms: NDArray[np.float32], centre: int
+        self,
+        levels: NDArray[np.float32],
+        valid: NDArray[np.bool_],
+        terms: NDArray[np.float32],
+        grid: tuple[int, int],
     ) -> None:
-        self.levels, self.valid, self.terms, self.centre = levels, valid, terms, centre
+        self.levels, self.valid, self.terms, self.grid = levels, valid, terms, grid
+        v, u = reference_index(grid)
+        self.centre = v * grid[1] + u
         self.luma = LUMA if levels.shape[2] == 3 else np.ones(1, np.float32)
         self.select()
 
-    def fit(self) -> None:
-        """Shading from logarithms, gains and offsets channel by channel, in turn."""
-        views, _, channels = self.levels.shape
-        self.gain, self.offset = np.ones((views, channels)), np.zeros((views, channels))
-        self.shading = np.zeros((views, 5))
+    def fit(self, again: bool = False) -> None:
+        """Shading from logarithms, gains and offsets by channel, in turn; `again` from those found."""
+        if not again:
+            views, _, channels = self.levels.shape
+            self.gain, self.offset = np.ones((views, channels)), np.zeros((views, channels))
+            self.shading = np.zeros((views, 5))
         shaded = self.with_vignetting or self.with_shading
         for _ in range(_TURNS if shaded and self.with_offset else 1):
             if shaded:
@@ -375,7 +404,7 @@ class _Fit:
         shared_radius = radius if self.with_vignetting else np.zeros_like(radius)
         weight = np.where(usable, lit**2, 0).astype(np.float32)
         solved, common = np.zeros((views, design.shape[-1])), 0.0
-        for _ in range(_ROUNDS):
+        for multiple in _TRUSTED:
             # logarithms of the factors, and how they change with the parameters, about those of before
             own = np.einsum("vnk,vk->vn", design[..., 1:], solved[:, 1:].astype(np.float32))
             base = np.maximum(1 + (own + common * shared_radius) / self.power, _LEAST_FACTOR)
@@ -389,9 +418,12 @@ class _Fit:
             solved, common = _arrow(turned, column, about, weight / _ERROR**2, np.array(prior))
             fitted = np.einsum("vnk,vk->vn", turned, solved.astype(np.float32)) + np.float32(common) * column
             error = np.abs(about - fitted) * lit
-            weight = usable * lit**2 * _trust(error / _scale(error, usable))
+            relative = error / _scale(error, usable)
+            weight = usable * lit**2 * _trust(relative, multiple) * _shown_everywhere(relative, usable)
         self.shading = solved[:, 1:] if self.with_shading else np.zeros((views, 5))
         self.shading = self.shading - self.shading[self.centre]
+        if self.one_lens:
+            self.shading = self._over_grid(self.shading)
         self.shading[:, [2, 4]] += common
 
     def _fit_gains(self) -> None:
@@ -425,17 +457,93 @@ class _Fit:
 
     def select(self) -> None:
         """Keep only those parts of the model that make the views agree notably better."""
-        self.with_shading = self.with_vignetting = self.with_offset = False
+        self.with_shading = self.with_vignetting = self.with_offset = self.one_lens = False
         self.power = _POWERS[0]
         self.fit()
         self._try("with_vignetting", _VIGNETTING)
         if self.with_vignetting and self.shading[self.centre, 2] > _FAINT_VIGNETTING:
             self.with_vignetting = False
             self.fit()
+        state = dict(vars(self))
         self._try("with_shading", _SHADING)
+        if self.with_shading and _alike(*self._shading_of_halves()) < _ALIKE:
+            vars(self).update(state)
         if self.with_vignetting:
             self._choose_power()
-        self._try("with_offset", _OFFSET)
+        self._try_offsets()
+        if self.with_offset and self.with_vignetting:
+            self.fit(again=True)  # they explain some of each other
+        if self.with_shading:
+            self.one_lens = not self._own_shading()
+        if self.one_lens:
+            self.fit(again=True)
+
+    def _try_offsets(self) -> None:
+        """Fit with offsets; undo it unless two halves of the picture find the same ones."""
+        before, state = self.left, dict(vars(self))
+        self.with_offset = True
+        self.fit()
+        fall = 1 - self.left / before
+        if fall < _SURELY and not self._same_offsets(0.0 if fall > _OFFSET else _AGREED):
+            vars(self).update(state)
+
+    def _same_offsets(self, least: float) -> bool:
+        """Whether two halves of the picture find the same offsets, of at least this size.
+
+        Where many samples scatter for other reasons, as behind wires, offsets hardly lessen what is left.
+        """
+        seen = np.array(self.valid.any(axis=(1, 2)))
+        seen[self.centre] = False
+        if not seen.any() or _agreed(self.offset[seen], self.offset[seen]) <= least:
+            return False
+        halves = self._halves()
+        for half in halves:
+            half.fit()
+        one, other = (half.offset[seen] for half in halves)
+        return _agreed(one, other) > least and _alike(one, other) > _ALIKE
+
+    def _own_shading(self) -> bool:
+        """Whether the halves find the same shading beside what changes smoothly over the grid of views."""
+        one, other = (shading - self._over_grid(shading) for shading in self._shading_of_halves())
+        return _agreed(one, other) > _OWN_SIZE and _alike(one, other) > _OWN
+
+    def _shading_of_halves(self) -> list[Array]:
+        """What the views' shading (V·U, 5) differs from the reference view's, as either half finds it."""
+        found = []
+        for half in self._halves():
+            half._fit_shading()
+            found.append(half.shading - half.shading[self.centre])
+        return found
+
+    def _halves(self) -> list[_Fit]:
+        """Copies that know one half each of the picture, whose blocks take turns as on a chessboard."""
+        x, y = np.floor((self.terms[self.centre, :, :2].T + 1) * (_BLOCKS / 2))
+        white = (x + y) % 2 == 0
+        halves = []
+        for part in (white, ~white):
+            half = copy(self)
+            half.levels, half.valid = self.levels[:, part], self.valid[:, part]
+            half.terms = self.terms[:, part]
+            halves.append(half)
+        return halves
+
+    def _over_grid(self, shading: Array) -> Array:
+        """Cubic over the grid of views nearest to what (V·U, 5) differs from the reference view, robustly."""
+        axes = (np.linspace(-1, 1, size) if size > 1 else np.zeros(1) for size in self.grid)
+        v, u = (axis.ravel() for axis in np.meshgrid(*axes, indexing="ij"))
+        design = np.stack([v**i * u**j for i in range(_DEGREE + 1) for j in range(_DEGREE + 1 - i)], axis=1)
+        seen = np.array(self.valid.any(axis=(1, 2)))
+        seen[self.centre] = False
+        smooth = shading
+        weight: NDArray[np.floating] = seen.astype(np.float64)
+        for _ in range(_SMOOTHINGS):
+            root = np.sqrt(weight)[:, None]
+            smooth = design @ np.linalg.lstsq(root * design, root * shading, rcond=None)[0]
+            error = np.sqrt(((shading - smooth) ** 2).sum(axis=1))
+            usual = float(np.median(error[seen])) if seen.any() else 0.0
+            weight = seen * _trust(error / max(usual, 1e-9))
+        # what all views but the reference view seem to have is an error of its samples
+        return np.asarray(smooth - smooth[self.centre])
 
     def _choose_power(self) -> None:
         """The way of falling that leaves the least difference."""
@@ -522,6 +630,16 @@ def _arrow(
     product = float((rest * target).sum()) - float((right[..., 1] * own[..., 0]).sum())
     common = min(product / (square + _USUAL_SHADING**-2), 0.0)  # corners are never brighter
     return own[..., 0] - common * own[..., 1], common
+
+
+def _agreed(one: Array, other: Array) -> float:
+    """Root of the mean product of two estimates of offsets: their size, where errors are independent."""
+    return float(np.sqrt(max(float((one * other).mean()), 0.0)))
+
+
+def _alike(one: Array, other: Array) -> float:
+    """Correlation of two estimates of differences."""
+    return float((one * other).sum() / max(float(np.sqrt((one**2).sum() * (other**2).sum())), 1e-12))
 
 
 def _median(values: NDArray[Any], valid: NDArray[np.bool_]) -> Array:

@@ -73,6 +73,9 @@ class Checks:
         Brightest sample of all views, of full scale.
     order_wrong
         Whether the views are in another order; looked at where rows and columns share no disparities.
+    suspected
+        How far the brightness of views seems to differ, of their level, where they are too small to
+        equalise; otherwise 0.
     warnings
         In plain words, the likeliest cause first; empty if nothing is beyond its bound.
     """
@@ -86,6 +89,7 @@ class Checks:
     in_place: float
     brightest: float
     order_wrong: bool = False
+    suspected: float = 0.0
     warnings: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
@@ -113,10 +117,9 @@ def check_map(
     """
     lf, range = prepared.lf, prepared.range
     apart = disagreement(lf, disparity, engine=engine)
-    uneven = 0.0
-    if prepared.equalisation is None:
-        left = measure_brightness(lf, range=range, engine=engine)
-        uneven = float(left.effect.max()) if left.needed else 0.0
+    equalised = prepared.equalisation
+    shades = equalised or measure_brightness(lf, range=range, engine=engine)
+    uneven = float(shades.effect.max()) if equalised is None and shades.needed else 0.0
     sure = textured_points(lf, np.where(confidence > _SURE, disparity, np.nan), CHECKED_POINTS)
     with using(engine) as used:
         off_grid, in_place = off_grid_at(lf, sure, used), _in_place(lf, disparity, sure, used)
@@ -129,6 +132,7 @@ def check_map(
         off_grid=off_grid,
         in_place=in_place,
         brightest=float(lf.views.max() / lf.full_scale),
+        suspected=shades.suspected,
     )
     if min(lf.shape[:2]) > 1 and found.aspect is None:
         # Where the views are in order, their row and their column nearly always share their disparities.
@@ -210,6 +214,11 @@ def _measured(found: Checks) -> list[str]:
         words.append(
             f"brightness differs between views by {100 * found.uneven:.0f} % of full scale; leave out "
             "--equalise off (equalise=False in Python)"
+        )
+    if found.suspected:
+        words.append(
+            f"brightness seems to differ between views by {100 * found.suspected:.0f} %, which are too small "
+            "to equalise (under 64 px); use larger views, or equalise them beforehand"
         )
     if found.aspect is not None and abs(found.aspect - 1) > NOTABLE_ASPECT:
         words.append(

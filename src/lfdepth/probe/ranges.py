@@ -51,6 +51,9 @@ _FINE = Evidence(share=1.5e-3, neighbours=6)
 _GAPS = Evidence(share=5e-3, neighbours=3)
 # Beyond the usual limit only large surfaces count: what is periodic puts others there.
 _BEYOND = Evidence(share=1e-2, neighbours=6)
+# Of views next to the reference view, which tell of surfaces that the outer ones no longer show.
+_NEXT = Evidence(share=2e-2, neighbours=6)
+_NEXT_VIEWS, _NEXT_IN_ROW = 3, 5
 # The wider limit, of the usual one, and the part of a limit from which on a range is thought to be cut off.
 _WIDER, _CUT_OFF, _SMALL_SIDE = 2.2, 0.95, 96
 _FEWEST = 8
@@ -104,7 +107,8 @@ def find_range(
     ------
     LightFieldError
         If the views agree on no disparity, because there is no texture or their order is wrong; if
-        disparities reach the limit; or if the limit is not positive.
+        disparities reach the limit, be it only in views next to the reference view; or if the limit is not
+        positive.
 
     Examples
     --------
@@ -123,6 +127,7 @@ def find_range(
         if given is None and _reaches_beyond(lf, limit, used):
             limit *= _WIDER
         found = coarse_range(make_probe(lf, limit, shrink_to(lf, _COARSE_SIDE), _RINGS), limit, used)
+        hidden = given is None and _is_beyond_in_next(lf, limit, used)
         if found is not None:
             probe = make_probe(lf, max(-found[0], found[1]), shrink_to(lf, _FINE_SIDE), _RINGS)
             fine = match(probe, plane_range(*found, probe.unit / 2), used)
@@ -132,7 +137,7 @@ def find_range(
             f"{lf.name}: views agree on no disparity within {limit:g} px per view step; expected texture "
             "that moves with the views; give --range MIN MAX (range=(min, max) in Python), or check the order"
         )
-    if max(-found[0], found[1]) > _CUT_OFF * limit:
+    if hidden or max(-found[0], found[1]) > _CUT_OFF * limit:
         raise LightFieldError(
             f"{lf.name}: disparities reach the search limit of {limit:g} px per view step, at which the "
             f"outermost view moves by {limit * probe.reach:.0f} px; expected them within; "
@@ -154,6 +159,19 @@ def _reaches_beyond(lf: LightField, limit: float, engine: Engine) -> bool:
     probe = make_probe(lf, wider, shrink_to(lf, _SMALL_SIDE), _RINGS)
     found = ends(match(probe, plane_range(-wider, wider, probe.unit), engine), probe.unit, _BEYOND)
     return found is not None and max(-found[0], found[1]) > _CUT_OFF * limit - probe.unit
+
+
+def _is_beyond_in_next(lf: LightField, limit: float, engine: Engine) -> bool:
+    """Whether the views next to the reference view show surfaces that move too far for the others."""
+    most = _NEXT_VIEWS if min(lf.shape[:2]) > 1 else _NEXT_IN_ROW
+    v, u = (min(most, size) for size in lf.shape[:2])
+    inner = lf.angular_crop(v, u)
+    wider = _WIDER * widest(inner)
+    if inner.shape == lf.shape or wider <= limit or np.count_nonzero(inner.available) < 2:
+        return False
+    probe = make_probe(inner, wider, shrink_to(inner, _SMALL_SIDE), (1.0,))
+    found = ends(match(probe, plane_range(-wider, wider, probe.unit), engine), probe.unit, _NEXT)
+    return found is not None and max(-found[0], found[1]) > limit + probe.unit
 
 
 def coarse_range(
