@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.blocks.jumps import near_jumps
+from lfdepth.blocks.jumps import local_largest, near_jumps
 from lfdepth.blocks.noise import ramp
 from lfdepth.engines import single
 from lfdepth.engines.base import Array, Engine
@@ -102,17 +102,6 @@ def partly_hidden(disparity: Map, reach: float) -> NDArray[np.bool_]:
         nearer = max(_NEARER, (distance - _WINDOW) / reach)
         if nearer >= deepest:
             break
-        nearest = _largest_beside(nearest)
+        nearest = local_largest(nearest, 1)
         hidden |= nearest - disparity > np.float32(nearer)
     return hidden
-
-
-def _largest_beside(image: Map) -> Map:
-    """Largest of 3×3 px."""
-    for axis in (0, 1):
-        own = np.moveaxis(image, axis, 0)
-        largest = own.copy()
-        np.maximum(largest[1:], own[:-1], out=largest[1:])
-        np.maximum(largest[:-1], own[1:], out=largest[:-1])
-        image = np.moveaxis(largest, 0, axis)
-    return image

@@ -26,6 +26,11 @@ def local_extremes(
     return high, low
 
 
+def local_largest(image: NDArray[np.float32], radius: int) -> NDArray[np.float32]:
+    """Largest value within (2·radius + 1)² windows of an image (H, W), borders repeated."""
+    return _along(np.maximum, _along(np.maximum, image, radius, 0), radius, 1)
+
+
 def near_jumps(disparity: NDArray[np.float32], jump: float, reach: int) -> NDArray[np.bool_]:
     """Pixels within `reach` px of a jump by at least `jump` px per view step, (H, W)."""
     change = local_range(disparity, 1)
@@ -36,9 +41,11 @@ def near_jumps(disparity: NDArray[np.float32], jump: float, reach: int) -> NDArr
 
 
 def _along(join: np.ufunc, image: NDArray[Any], radius: int, axis: int) -> NDArray[Any]:
-    """Join every value with those up to `radius` away along one axis."""
-    border = [(0, 0), (0, 0)]
-    border[axis] = (radius, radius)
-    padded, length = np.pad(image, border, "edge"), image.shape[axis]
-    moved = [padded.take(range(start, start + length), axis) for start in range(2 * radius + 1)]
-    return np.asarray(join.reduce(moved))
+    """Join every value with those up to `radius` away along one axis; what repeated borders add is there."""
+    joined = image.copy()
+    for distance in range(1, radius + 1):
+        before, after = [slice(None)] * image.ndim, [slice(None)] * image.ndim
+        before[axis], after[axis] = slice(None, -distance), slice(distance, None)
+        for here, there in ((tuple(before), tuple(after)), (tuple(after), tuple(before))):
+            join(joined[here], image[there], out=joined[here])
+    return joined
