@@ -17,10 +17,14 @@ _DEVIATION, _BESIDE = 1.48, 1.5
 
 
 def view_levels(lf: LightField) -> Array:
-    """Mean level (V, U) of each view over that of the reference view, NaN where views are absent."""
+    """Mean level (V, U) of each view over that of the reference view, NaN where views are absent.
+
+    Where the reference view is black, nothing is known of any.
+    """
     mean = luma(lf.views.mean(axis=(2, 3))[:, :, None, None])[:, :, 0, 0].astype(np.float64)
     mean[~lf.available] = np.nan
-    return np.asarray(mean / max(float(mean[lf.centre]), 1e-6))
+    own = float(mean[lf.centre])
+    return mean / own if own > 0 else np.full_like(mean, np.nan)
 
 
 def unevenness(level: Array, centre: tuple[int, int]) -> float:
