@@ -13,7 +13,6 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter
 
 from lfdepth.engines.base import Array, Engine, Float
 from lfdepth.lightfield import LightField
@@ -46,6 +45,8 @@ class Defocus:
         A pixel's defocus is the distance of its colour in the mean of all views to that in the reference
         view. Views that do not reach a pixel do not count there.
         """
+        from scipy.ndimage import uniform_filter
+
         size = self.reference.shape[:2]
         total, count = np.zeros(self.reference.shape, np.float32), np.zeros(size, np.float32)
         everywhere = np.full(size, plane, np.float32)
