@@ -11,13 +11,13 @@ Array = fields.Array
 
 
 def hidden(disparity: Array, reach: float) -> Array:
-    """Whether any nearer surface, by over 0.12 px, lies less than reach·Δ + 4 px away along both axes."""
+    """Whether any nearer surface, by over 0.12 px, lies less than reach·Δ + 7 px away along both axes."""
     out = np.zeros(disparity.shape, bool)
     places = np.argwhere(np.isfinite(disparity))
     for y, x in places:
         away = abs(places - (y, x)).max(axis=1)
         nearer = disparity.ravel() - disparity[y, x]
-        out[y, x] = np.any((nearer > 0.12) & (reach * nearer > away - 4))
+        out[y, x] = np.any((nearer > 0.12) & (reach * nearer > away - 7))
     return out
 
 

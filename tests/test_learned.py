@@ -278,6 +278,7 @@ def test_the_commands_for_weights(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert "found 'spo', expected one of epinet, epinet-s" in errors[1]
 
 
+@pytest.mark.slow
 def test_lfattnet_in_tiles_without_torch(tmp_path: Path) -> None:
     """Weights that leave the volume's score alone give a softmax of zeros: the mean of the planes, 0."""
     pytest.importorskip("onnxruntime", reason="needs the extra onnx")
@@ -331,6 +332,7 @@ def test_chance_scenes_truth_is_where_views_show_the_surface() -> None:
     assert np.mean(right) < 0.5 * np.mean(wrong)
 
 
+@pytest.mark.thin(3)
 @pytest.mark.parametrize("disparity", [-1.6, 0.4, 1.4])
 def test_the_weights_that_ship_know_a_plane(disparity: float) -> None:
     """A plane at D, and one a whole pixel nearer, which is the same with views moved by a pixel a step."""

@@ -46,6 +46,7 @@ def test_lfattnet_has_the_published_numbers_of_weights() -> None:
     assert numbers(net.attention)[1] == 57_815
 
 
+@pytest.mark.slow
 def test_lfattnet_as_onnx_is_the_same(tmp_path: Path) -> None:
     pytest.importorskip("onnxruntime", reason="needs the extra onnx")
     from lfdepth.learned.onnx_running import OnnxNetwork
@@ -67,6 +68,7 @@ def test_lfattnet_as_onnx_is_the_same(tmp_path: Path) -> None:
     np.testing.assert_allclose(found, expected, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_lfattnet_moves_views_onto_each_other() -> None:
     """Of views that show a plane at D, features coincide in the slice D, whatever the weights."""
     picture = torch.rand(48, 48, generator=torch.Generator().manual_seed(0))

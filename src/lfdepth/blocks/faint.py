@@ -29,7 +29,7 @@ _MOST = 500.0  # information per (px per view step)² of the most curved energy
 _HALF = 0.05  # energy per (px per view step)² that has half of it
 _TRUSTED = (0.4, 0.9)  # weights of photo votes between which signs lose all their say
 _MEAN = 6.0  # px, standard deviation of the window whose minima are averaged
-_WINDOW = 4  # px that a window of sign votes reaches beyond its pixel
+_WINDOW = 7  # px that sign votes reach beyond a pixel: two windows of their filter, and the gradient
 _NEARER = 0.12  # px per view step by which a surface has to be nearer to hide another
 _EDGE, _BESIDE = 0.15, 3  # px per view step of a depth edge, and px to either side that mix two surfaces
 
