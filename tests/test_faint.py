@@ -60,13 +60,13 @@ def test_nothing_is_asked_where_colours_tell_or_planes_are_few() -> None:
 
 @pytest.mark.parametrize("reach", [1.0, 4.0])
 def test_what_a_nearer_surface_hides(reach: float) -> None:
-    """A box 1.5 px nearer is noticed less than reach·1.5 + 4 px beside it, and itself hidden nowhere."""
+    """A box 1.5 px nearer is noticed less than reach·1.5 + 7 px beside it, and itself hidden nowhere."""
     disparity = np.zeros((60, 70), np.float32)
     disparity[25:35, 30:40] = 1.5
     y, x = np.mgrid[:60, :70]
     away = np.maximum(np.maximum(25 - y, y - 34), np.maximum(30 - x, x - 39))
     hidden = partly_hidden(disparity, reach)
-    np.testing.assert_array_equal(hidden, (away > 0) & (away < reach * 1.5 + 4))
+    np.testing.assert_array_equal(hidden, (away > 0) & (away < reach * 1.5 + 7))
     rough = layers(np.random.default_rng(2), (30, 36))
     np.testing.assert_array_equal(partly_hidden(rough, reach), naive_faint.hidden(rough, reach))
 
