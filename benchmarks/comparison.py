@@ -15,6 +15,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from lfdepth import scenes
 from lfdepth.bench.charts import COLOURS, Axis, Point, point_chart
@@ -38,8 +39,11 @@ METRICS = {
     "badpix_0.07_textureless": "0.07 textureless",
     "ause_badpix_0.07": "AUSE",
 }
-PICTURED = ("cotton", "backgammon", "bars", "leaves", "fence")
-"""Scenes of which pictures are shown."""
+PICTURED = ("bars", "leaves", "fence")
+"""Scenes of which pictures are shown: rendered ones, as the benchmark's licence is not this repository's."""
+
+WIDEST = 1600
+"""Width of pictures in px."""
 
 
 def specs(data: Path | None, names: Sequence[str], size: int) -> Iterator[SceneSpec]:
@@ -97,13 +101,19 @@ def picture(scene: SceneResult, names: Sequence[str]) -> str:
     entries = {name: scene.entries[name] for name in names if name in scene.entries}
     maps = {name: each.found.disparity for name, each in entries.items()}
     captions = {name: score_line(each.scores) for name, each in entries.items() if each.scores}
-    name = f"comparison-{scene.name}.png"
+    name = f"comparison-{scene.name}.webp"
     half = len(maps) // 2 + 1
     lines = [dict(list(maps.items())[part]) for part in (slice(half), slice(half, None))]
     rows = [
         PanelRow(scene.reference, part, scene.truth, scene.name, None, captions) for part in lines if part
     ]
-    panel(*rows, path=DOCS / "images" / name)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "whole.png"
+        panel(*rows, path=path)
+        with Image.open(path) as whole:
+            shown = whole.convert("RGB")
+    shown.thumbnail((WIDEST, WIDEST), Image.Resampling.LANCZOS)
+    shown.save(DOCS / "images" / name, quality=85)
     return name
 
 
