@@ -14,6 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from lfdepth.blocks.focusing import average
 from lfdepth.engines.base import Array, Engine, Float
 from lfdepth.lightfield import LightField
 
@@ -47,17 +48,8 @@ class Defocus:
         """
         from scipy.ndimage import uniform_filter
 
-        size = self.reference.shape[:2]
-        total, count = np.zeros(self.reference.shape, np.float32), np.zeros(size, np.float32)
-        everywhere = np.full(size, plane, np.float32)
-        front, limit = np.zeros(size, np.float32), np.full(size, np.inf, np.float32)
-        offsets = self.lf.offsets
-        for place in np.argwhere(self.lf.available):
-            index, (v, u) = tuple(place.tolist()), offsets[tuple(place)].tolist()
-            self.engine.gather(
-                self.lf.views[index], (v, u), everywhere, total, count, front=front, limit=limit
-            )
-        focused = total / (np.maximum(count, 1)[..., None] * np.float32(self.lf.full_scale))
+        everywhere = np.full(self.reference.shape[:2], plane, np.float32)
+        focused = average(self.lf, everywhere, self.engine)[0] / np.float32(self.lf.full_scale)
         return np.asarray(
             uniform_filter(_length(focused - self.reference), 2 * _SMALL + 1, mode="nearest"), np.float32
         )

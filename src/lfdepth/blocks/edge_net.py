@@ -192,8 +192,10 @@ def look_at_edges(
     gap = near - far
     past = np.clip((before[rows, columns] - far) / gap, -0.5, 1.5)
     told = np.column_stack([np.log(gap), *scalars, front, past]).astype(np.float32)
-    sides = _Sides(disparity, light, near, far, shown, places)
-    around = [sides.around(shares, slice(at, at + _CHUNK)) for at in range(0, len(rows), _CHUNK)]
+    own_shares = np.full(disparity.shape, np.nan, np.float32)
+    own_shares[rows, columns] = shares
+    sides = _Sides(disparity, light, own_shares, near, far, shown, places)
+    around = [sides.around(slice(at, at + _CHUNK)) for at in range(0, len(rows), _CHUNK)]
     width = 2 * (2 * _REACH + 1) ** 2 + (2 * _INNER + 1) ** 2
     patches = np.concatenate(around) if around else np.zeros((0, width), np.float32)
     return EdgePixels(rows, columns, near, far, front, np.hstack([told, patches]), power)
@@ -280,24 +282,26 @@ def _tell_pixels(
 
 @dataclass(frozen=True, eq=False)
 class _Sides:
-    """What lies around pixels beside edges, in terms of the two surfaces that meet there."""
+    """What lies around pixels beside edges, in terms of the two surfaces that meet there.
+
+    `shares` (H, W) are the edge's own shares of the foreground, NaN elsewhere.
+    """
 
     disparity: Float
     light: Float
+    shares: Float
     near: Float
     far: Float
     shown: EdgeColours
     places: NDArray[np.int64]
 
-    def around(self, shares: Float, chosen: slice) -> Float:
+    def around(self, chosen: slice) -> Float:
         """Colours' shares and sides within 7×7 px and the edge's own shares within 5×5, (n, 123).
 
         Counted from one half; turned so that the nearer surface lies to the right, and rather there than
         below: what is mirrored or transposed is decided alike.
         """
         height, width = self.disparity.shape
-        own = np.full((height, width), np.nan, np.float32)
-        own[tuple(self.places.T)] = shares
         steps = np.arange(-_REACH, _REACH + 1)
         rows = np.clip(self.places[chosen, :1] + steps, 0, height - 1)[:, :, None]
         columns = np.clip(self.places[chosen, 1:] + steps, 0, width - 1)[:, None, :]
@@ -307,7 +311,7 @@ class _Sides:
         colour = np.clip(np.einsum("nyxc,nc->nyx", colours, way) / apart, -0.5, 1.5) - np.float32(0.5)
         near, far = (each[chosen, None, None] for each in (self.near, self.far))
         side = np.clip((self.disparity[rows, columns] - far) / (near - far), -0.5, 1.5) - np.float32(0.5)
-        mixed = own[rows, columns] - np.float32(0.5)
+        mixed = self.shares[rows, columns] - np.float32(0.5)
         mixed = np.where(np.isnan(mixed), np.clip(side, -0.5, 0.5), mixed)
         whole = np.stack([colour, side, mixed], axis=1)
         down, across = (side * steps[:, None]).sum(axis=(1, 2)), (side * steps).sum(axis=(1, 2))

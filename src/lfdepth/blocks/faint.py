@@ -96,7 +96,7 @@ def partly_hidden(disparity: Map, reach: float) -> NDArray[np.bool_]:
     window notices it a few px farther away.
     """
     hidden = np.zeros(disparity.shape, np.bool_)
-    nearest = disparity.copy()
+    nearest = disparity
     deepest = float(np.ptp(disparity))
     for distance in range(1, max(disparity.shape)):
         nearer = max(_NEARER, (distance - _WINDOW) / reach)

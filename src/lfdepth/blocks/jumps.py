@@ -20,24 +20,24 @@ def local_extremes(
     image: NDArray[np.float32], radius: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Largest and smallest value within (2·radius + 1)² windows of an image (H, W), borders repeated."""
-    high, low = image, image
-    for axis in (0, 1):
-        high, low = _along(np.maximum, high, radius, axis), _along(np.minimum, low, radius, axis)
-    return high, low
+    return local_largest(image, radius), _around(np.minimum, image, radius)
 
 
 def local_largest(image: NDArray[np.float32], radius: int) -> NDArray[np.float32]:
     """Largest value within (2·radius + 1)² windows of an image (H, W), borders repeated."""
-    return _along(np.maximum, _along(np.maximum, image, radius, 0), radius, 1)
+    return _around(np.maximum, image, radius)
 
 
 def near_jumps(disparity: NDArray[np.float32], jump: float, reach: int) -> NDArray[np.bool_]:
     """Pixels within `reach` px of a jump by at least `jump` px per view step, (H, W)."""
     change = local_range(disparity, 1)
     edge = (change >= np.float32(jump)) & (change >= np.float32(JUMP_SHARE) * local_range(disparity, 2))
-    for axis in (0, 1):
-        edge = _along(np.logical_or, edge, reach - 1, axis)
-    return edge
+    return _around(np.logical_or, edge, reach - 1)
+
+
+def _around(join: np.ufunc, image: NDArray[Any], radius: int) -> NDArray[Any]:
+    """Join every value with those in the (2·radius + 1)² window around it."""
+    return _along(join, _along(join, image, radius, 0), radius, 1)
 
 
 def _along(join: np.ufunc, image: NDArray[Any], radius: int, axis: int) -> NDArray[Any]:

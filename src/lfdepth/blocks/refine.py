@@ -280,11 +280,10 @@ def _levelled(
     engine: Engine,
 ) -> NDArray[np.float32]:
     """Planes fitted to what the second witness asks for."""
-    asked, information = second(disparity)
-    strength = information + np.float32(rule.prior)
+    asked, strength = _asked(disparity, *second(disparity), rule)
     return engine.fit_steps(
         disparity,
-        disparity + information * asked / strength,
+        asked,
         strength,
         guide,
         radius=rule.level_radius,
@@ -293,6 +292,17 @@ def _levelled(
         ridge=rule.prior * rule.level_spacing**2,
         sharpness=_SHARPNESS,
     )
+
+
+def _asked(
+    disparity: NDArray[np.float32],
+    step: NDArray[np.float32],
+    information: NDArray[np.float32],
+    rule: RefineRule,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Disparity that evidence asks for beside the map's own weight, and the weight of both."""
+    strength = information + np.float32(rule.prior)
+    return disparity + information * step / strength, strength
 
 
 def _joined(evidence: Evidence, asked: NDArray[np.float32], information: NDArray[np.float32]) -> Evidence:
@@ -315,9 +325,7 @@ def _fit_planes(
     A pixel without evidence keeps its disparity in the fit of wide planes, and in the fit of small ones takes
     that of the wide plane.
     """
-    prior = np.float32(rule.prior)
-    strength = evidence.trusted + prior
-    asked = disparity + evidence.trusted * evidence.step / strength
+    asked, strength = _asked(disparity, evidence.step, evidence.trusted, rule)
 
     def fit(target: NDArray[np.float32], radius: int, spacing: int, ridge: float) -> NDArray[np.float32]:
         return engine.fit_steps(
@@ -333,7 +341,7 @@ def _fit_planes(
         )
 
     wide = fit(asked, rule.wide_radius, rule.wide_spacing, _WIDE_RIDGE)
-    drawn = np.clip(wide - disparity, -_FARTHEST, _FARTHEST) * (prior / strength)
+    drawn = np.clip(wide - disparity, -_FARTHEST, _FARTHEST) * (np.float32(rule.prior) / strength)
     fitted = fit(asked + drawn, rule.radius, rule.spacing, rule.prior)
     return engine.even_lattices(fitted, guide, gate=rule.gate, sharpness=_SHARPNESS)
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfdepth.blocks.focusing import average, present_views
 from lfdepth.engines import single, using
 from lfdepth.engines.layout import SURFACE_JUMP
 from lfdepth.errors import LightFieldError
@@ -23,8 +24,6 @@ from lfdepth.io.record import check_size, checked_map
 from lfdepth.lightfield import LightField
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from lfdepth.result import Result
 
 
@@ -179,8 +178,8 @@ def foreground_masks(
     check_reach(lf, 0.0 if at is None else at, "at")
     surface = _checked_map(disparity_map, lf)
     masks = np.zeros(lf.shape[:4], np.bool_)
-    for index, v, u in _present_views(lf):
-        masks[index] = _front(surface, v, u, at or 0.0) > disparity
+    for index, v, u in present_views(lf):
+        masks[index] = single().seen(surface, (v, u), plane=at or 0.0) > disparity
     return masks
 
 
@@ -220,7 +219,7 @@ def write_masks(folder: str | Path, masks: NDArray[np.bool_], lf: LightField) ->
             f"{lf.name}; give both together"
         )
     with atomic_folder(folder) as temporary:
-        for (row, column), _, _ in _present_views(lf):
+        for (row, column), _, _ in present_views(lf):
             file = temporary / view_name("mask", (row, column), lf.shape[:2], "png")
             file.write_bytes(encode_png(masks[row, column]))
 
@@ -232,45 +231,9 @@ def _average(
     surface: NDArray[np.float32] | None = None,
     limit: NDArray[np.float32] | None = None,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """Mean (H, W, C) of the views that show the points at disparity `focus`, and how many (H, W) do.
-
-    With the `surface` that the reference view sees, views do not count where they show something nearer than
-    `limit`, a disparity for each point.
-    """
-    total: NDArray[np.float32] = np.zeros((lf.height, lf.width, lf.shape[4]), np.float32)
-    count: NDArray[np.float32] = np.zeros((lf.height, lf.width), np.float32)
-    front = np.zeros_like(focus)
-    if limit is None:
-        limit = np.full_like(focus, np.inf)
+    """`blocks.focusing.average` on the default engine."""
     with using(None, threads=threads) as engine:
-        for index, v, u in _present_views(lf):
-            if surface is not None:
-                front = _grown(_front(surface, v, u))
-            place = (v, u)
-            engine.gather(lf.views[index], place, focus, total, count, front=front, limit=limit)
-    total /= np.maximum(count, 1)[..., None]
-    return total, count
-
-
-def _present_views(lf: LightField) -> Iterator[tuple[tuple[int, int], float, float]]:
-    """Index of each view that is there, and where it stands: v down and u across from the reference view."""
-    offsets = lf.offsets
-    for row, column in np.argwhere(lf.available).tolist():
-        v, u = offsets[row, column]
-        yield (row, column), float(v), float(u)
-
-
-def _front(surface: NDArray[np.float32], v: float, u: float, plane: float = 0.0) -> NDArray[np.float32]:
-    """Disparity (H, W) of what view (u, v) shows, as seen from a plane; −inf where nothing is known of it."""
-    return single().seen(surface, (v, u), plane=plane)
-
-
-def _grown(front: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Nearest disparity within 3×3 px: at a boundary, a pixel shows both surfaces."""
-    rows = np.pad(front, ((1, 1), (0, 0)), "edge")
-    rows = np.maximum(np.maximum(rows[:-2], rows[1:-1]), rows[2:])
-    columns = np.pad(rows, ((0, 0), (1, 1)), "edge")
-    return np.asarray(np.maximum(np.maximum(columns[:, :-2], columns[:, 1:-1]), columns[:, 2:]))
+        return average(lf, focus, engine, surface=surface, limit=limit)
 
 
 def _as_samples(picture: NDArray[np.float32], lf: LightField) -> NDArray[Any]:
@@ -290,7 +253,7 @@ def _checked_map(disparity_map: Result | NDArray[Any], lf: LightField) -> NDArra
 def check_reach(lf: LightField, disparity: float, what: str) -> None:
     """Raise LightFieldError unless some view beside the reference view overlaps it on a plane."""
     _check_finite(disparity, what)
-    others = [(v, u) for _, v, u in _present_views(lf) if (v, u) != (0, 0)]
+    others = [(v, u) for _, v, u in present_views(lf) if (v, u) != (0, 0)]
     if others and not any(
         abs(disparity * v) < lf.height and abs(disparity * u) < lf.width for v, u in others
     ):

@@ -28,10 +28,8 @@ _WHOLE = "whole"
 @contextmanager
 def alone(folder: Path, name: str) -> Iterator[None]:
     """Wait until no other process has the lock of this name in a folder, and hold it."""
-    with _opened(folder, name) as file:
-        if fcntl is not None:
-            with suppress(OSError):  # a file system without locks
-                fcntl.flock(file, fcntl.LOCK_EX)
+    with _open(folder, name) as file:
+        _locked(file)
         yield
 
 
@@ -44,17 +42,12 @@ def only(folder: Path) -> Iterator[None]:
     LightFieldError
         If another one does.
     """
-    with _opened(folder, _WHOLE) as file:
-        if fcntl is not None:
-            try:
-                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise LightFieldError(
-                    f"{folder}: another process is writing there; expected one at a time; wait until it is "
-                    "done, or choose another folder"
-                ) from None
-            except OSError:  # a file system without locks
-                pass
+    with _open(folder, _WHOLE) as file:
+        if not _locked(file, wait=False):
+            raise LightFieldError(
+                f"{folder}: another process is writing there; expected one at a time; wait until it is "
+                "done, or choose another folder"
+            )
         yield
 
 
@@ -82,24 +75,16 @@ class Shared:
         while True:
             with suppress(FileNotFoundError):  # removed by one that was done: it will be made again
                 file = _open(self.folder, _WHOLE)
-                if fcntl is None:
-                    return file
-                with suppress(OSError):
-                    fcntl.flock(file, fcntl.LOCK_SH)
-                if _is_at(file, _path(self.folder, _WHOLE)):
+                _locked(file, shared=True)
+                if fcntl is None or _is_at(file, _path(self.folder, _WHOLE)):
                     return file
                 file.close()
 
     def finish(self) -> None:
         """Remove the folder, unless others are at work in it."""
-        if fcntl is not None:
-            try:
-                fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                return
-            except OSError:  # a file system without locks
-                pass
-        else:
+        if not _locked(self._file, wait=False):
+            return
+        if fcntl is None:
             self._file.close()
         shutil.rmtree(self.folder, ignore_errors=True)
 
@@ -113,10 +98,17 @@ def _open(folder: Path, name: str) -> IO[str]:
     return _path(folder, name).open("a", encoding="utf-8")
 
 
-@contextmanager
-def _opened(folder: Path, name: str) -> Iterator[IO[str]]:
-    with _open(folder, name) as file:
-        yield file
+def _locked(file: IO[str], *, shared: bool = False, wait: bool = True) -> bool:
+    """Lock a file, with others or alone; False where another process has it and nobody waits."""
+    if fcntl is not None:
+        how = fcntl.LOCK_SH if shared else fcntl.LOCK_EX
+        try:
+            fcntl.flock(file, how if wait else how | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        except OSError:  # a file system without locks
+            pass
+    return True
 
 
 def _is_at(file: IO[str], path: Path) -> bool:

@@ -540,14 +540,7 @@ class CpuEngine:
             len(disparity),
             edge_kernels.edge_kernel,
             disparity,
-            views.views,
-            np.float32(views.to_bytes),
-            views.reference,
-            (views.others, views.offsets),
-            surfaces.data,
-            surfaces.margin,
-            surfaces.row_length,
-            thresholds,
+            *_beside_edges(views, surfaces, thresholds),
             np.float32(jump),
             np.float32(spread),
             np.float32(inertia),
@@ -575,14 +568,7 @@ class CpuEngine:
             places,
             sides,
             disparity,
-            views.views,
-            np.float32(views.to_bytes),
-            views.reference,
-            (views.others, views.offsets),
-            surfaces.data,
-            surfaces.margin,
-            surfaces.row_length,
-            thresholds,
+            *_beside_edges(views, surfaces, thresholds),
             front,
             back,
             spreads,
@@ -918,6 +904,12 @@ def _placed_visibility(
     down, across = nearest_pixels(stack.offsets, disparity)
     front = (surfaces.disparity > disparity + VISIBILITY_MARGIN).astype(np.int16)
     return surfaces.data, surfaces.rows, down, stack.inside(across), front, plane_horizon(disparity)
+
+
+def _beside_edges(views: ViewsAsTheyAre, surfaces: NearestSurfaces, thresholds: Float) -> tuple[Any, ...]:
+    """The arguments of kernels that ask what views show beside depth edges."""
+    own = views.views, np.float32(views.to_bytes), views.reference, (views.others, views.offsets)
+    return *own, surfaces.data, surfaces.margin, surfaces.row_length, thresholds
 
 
 def _planar(guide: Float) -> Float:

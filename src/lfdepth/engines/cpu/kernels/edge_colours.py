@@ -5,19 +5,10 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from lfdepth.engines.cpu.compilation import INNER, KERNEL
-from lfdepth.engines.cpu.kernels.edges import _background_colour, _foreground_colour
+from lfdepth.engines.cpu.compilation import KERNEL
+from lfdepth.engines.cpu.kernels.edges import _agrees, _background_colour, _foreground_colour
 from lfdepth.engines.cpu.kernels.sampling import inside, sample
 from lfdepth.engines.layout import DISPARITY_PARTS as PARTS
-
-
-@nb.njit(**INNER)
-def _agrees(colour, own, threshold):
-    """Whether the mean absolute difference of two colours is below a threshold."""
-    difference = np.float32(0)
-    for c in range(own.size):
-        difference += abs(colour[c] - own[c])
-    return difference < own.size * threshold
 
 
 @nb.njit(**KERNEL)

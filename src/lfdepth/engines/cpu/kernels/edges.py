@@ -116,14 +116,20 @@ def _background_colour(samples, count, mean):
 
 
 @nb.njit(**INNER)
+def _agrees(colour, own, threshold):
+    """Whether the mean absolute difference of two colours is below a threshold."""
+    difference = np.float32(0)
+    for c in range(own.size):
+        difference += abs(colour[c] - own[c])
+    return difference < own.size * threshold
+
+
+@nb.njit(**INNER)
 def _agreement(samples, count, own, threshold):
     """Share of samples whose mean absolute difference to the pixel's colour is below the threshold."""
     agree = 0
     for i in range(count):
-        difference = np.float32(0)
-        for c in range(own.size):
-            difference += abs(samples[i, c] - own[c])
-        agree += difference < own.size * threshold
+        agree += _agrees(samples[i], own, threshold)
     return np.float32(agree) / np.float32(max(count, 1))
 
 
