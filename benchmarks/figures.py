@@ -56,14 +56,14 @@ class Watch:
     """What a run's blocks had in hand.
 
     Of three decisions, that of the first map, one with the votes of all views on all planes, and the last:
-    maps (H, W) and shares of views (K, H, W).
+    maps (H, W) and shares of views (K, H, W). Of the blocks after the last decision: their maps.
     """
 
     signs: list[Map] = field(default_factory=list)
     both: list[Map] = field(default_factory=list)
     paths: list[Map] = field(default_factory=list)
     shares: list[Map] = field(default_factory=list)
-    median: Map | None = None
+    later: list[Map] = field(default_factory=list)
 
     def take(self, trace: Trace, decision: int, first: float, step: float) -> None:
         """Add a decision of a run."""
@@ -74,19 +74,20 @@ class Watch:
         self.shares.append(trace.kept["shares"][decision])
 
 
-KEPT = ("sign energies", "joint energies", "shares", "decisions", "median")
+DECISIONS = ("sign energies", "joint energies", "shares", "decisions")
+LATER = ("median", "edges", "refined")
 
 
 def watched(lf: LightField) -> tuple[Result, Watch]:
     """Estimate with `METHOD`, and once more without visibility for the decision between."""
-    watch, trace, everywhere = Watch(), Trace(keep=KEPT), Trace(keep=KEPT)
+    watch, trace, everywhere = Watch(), Trace(keep=DECISIONS + LATER), Trace(keep=DECISIONS)
     result = lfdepth.estimate(lf, METHOD, trace=trace)
     lfdepth.estimate(lf, METHOD, trace=everywhere, visibility=False, range=result.range)
     step = step_of(result)
     watch.take(trace, 0, result.range[1], 2 * step)
     watch.take(everywhere, 0, result.range[1], step)
     watch.take(trace, 1, result.range[1], step)
-    watch.median = trace.kept["median"][-1]
+    watch.later = [trace.kept[name][-1] for name in LATER]
     return result, watch
 
 
@@ -115,14 +116,15 @@ BLOCKS: dict[str, tuple[int, int, int]] = {
     "scanlines, planes": (250, 170, 40),
     "median": (150, 90, 170),
     "depth edges": (214, 40, 40),
+    "refinement": (120, 80, 50),
+    "edge net": (20, 20, 20),
 }
 """Blocks in their order, and their colours."""
 
 
 def deciders(result: Result, watch: Watch) -> NDArray[np.intp]:
     """For each pixel (H, W) the last block that moved its disparity by over half a plane."""
-    assert watch.median is not None
-    stages = [watch.signs[-1], watch.both[1], watch.both[2], watch.paths[-1], watch.median, result.disparity]
+    stages = [watch.signs[-1], *watch.both[1:], watch.paths[-1], *watch.later, result.disparity]
     least_move = 0.5 * (step_of(result))
     last = np.zeros(result.disparity.shape, np.intp)
     for block in range(1, len(stages)):
@@ -151,7 +153,8 @@ def decisions(size: int) -> None:
             Cell(palette[last], "the last block that moved it"),
             Cell(error_colours(result.disparity, truth), "error: red too near, blue too far"),
         ]
-        save(compose([Line(cells), Line(swatches[:3]), Line(swatches[3:])]), f"decisions-{name}")
+        lines = [Line(swatches[first : first + 3]) for first in range(0, len(swatches), 3)]
+        save(compose([Line(cells), *lines]), f"decisions-{name}")
         print(_block_table(result, watch, truth, last))
 
 

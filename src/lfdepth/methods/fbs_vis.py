@@ -157,12 +157,14 @@ class FbsVis(Method):
         with trace.block("edges"):
             disparity, sigma = edges.decide(before), None
             confidence = edges.lower_confidence(confidence, disparity)
+        trace.take("edges", disparity)
         trace.step("edges")
         if rounds > 0:
             with trace.block("refinement"):
                 second = energy.ask_signs if self.faint else None
                 refined = refine_map(lf, disparity, RefineRule(rounds=rounds), engine, second)
                 disparity, sigma = refined.disparity, refined.sigma
+            trace.take("refined", disparity)
             trace.step("refinement")
         if self.edge_net:
             with trace.block("edges"):
