@@ -18,6 +18,7 @@ a curve, unless surfaces differ in brightness alone.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -164,23 +165,10 @@ def look_at_edges(
 
     `before` is as for `decide_sides`; `exponent` of light over levels is measured if it is None.
     """
-    used = engine or single()
     disparity = np.ascontiguousarray(disparity, np.float32)
-    at_edge = near_jumps(disparity, _JUMP, 1)
-    at_edge[[0, -1], :] = at_edge[:, [0, -1]] = False
-    places = np.argwhere(at_edge)
+    places, near, far, shown = _edge_colours(lf, disparity, engine or single())
     rows, columns = places.T
-    near, far = (each[rows, columns] for each in local_extremes(disparity, 1))
-    views = used.views(lf)
-    shown = used.edge_colours(
-        views,
-        disparity,
-        places,
-        np.stack([near, far], axis=1),
-        used.surfaces_of(disparity, views),
-        local_thresholds(lf.reference) * np.float32(255),
-    )
-    levels = lf.reference.astype(np.float32) * np.float32(255 / lf.full_scale)
+    levels = _levels(lf)
     power = measured_exponent(levels[rows, columns], shown) if exponent is None else exponent
     light, shown = _light(levels, power), _in_light(shown, power)
     front = disparity[rows, columns] > (near + far) / 2
@@ -201,9 +189,46 @@ def look_at_edges(
     return EdgePixels(rows, columns, near, far, front, np.hstack([told, patches]), power)
 
 
+def mixed_deviations(lf: LightField, disparity: Float, *, engine: Engine | None = None) -> tuple[Float, ...]:
+    """`deviations` of the pixels beside the depth edges of a map (H, W)."""
+    disparity = np.ascontiguousarray(disparity, np.float32)
+    places, _, _, shown = _edge_colours(lf, disparity, engine or single())
+    return deviations(_levels(lf)[tuple(places.T)], shown)
+
+
+def _edge_colours(
+    lf: LightField, disparity: Float, engine: Engine
+) -> tuple[NDArray[np.int64], Float, Float, EdgeColours]:
+    """Pixels (N, 2) beside depth edges, the disparities (N,) that meet there, and both surfaces' colours."""
+    at_edge = near_jumps(disparity, _JUMP, 1)
+    at_edge[[0, -1], :] = at_edge[:, [0, -1]] = False
+    places = np.argwhere(at_edge)
+    near, far = (each[tuple(places.T)] for each in local_extremes(disparity, 1))
+    views = engine.views(lf)
+    shown = engine.edge_colours(
+        views,
+        disparity,
+        places,
+        np.stack([near, far], axis=1),
+        engine.surfaces_of(disparity, views),
+        local_thresholds(lf.reference) * np.float32(255),
+    )
+    return places, near, far, shown
+
+
+def _levels(lf: LightField) -> Float:
+    """The reference view from 0 to 255."""
+    return np.asarray(lf.reference.astype(np.float32) * np.float32(255 / lf.full_scale))
+
+
 def measured_exponent(own: Float, shown: EdgeColours) -> float:
     """Exponent of light over levels, by which mixed pixels (N, C) lie best on lines between two colours."""
-    deviations = []
+    return straightest([deviations(own, shown)])
+
+
+def deviations(own: Float, shown: EdgeColours) -> tuple[Float, ...]:
+    """For either exponent, how far its mixed pixels of some (N, C) lie from the line between two colours."""
+    found = []
     for exponent in _EXPONENTS:
         seen = _in_light(shown, exponent)
         light = _light(own, exponent)
@@ -211,8 +236,14 @@ def measured_exponent(own: Float, shown: EdgeColours) -> float:
         mixed = (share > _MIXED[0]) & (share < _MIXED[1])
         mixed &= (seen.spreads[:, 0] >= 0) & (shown.counts[:, 0] >= _VIEWS)
         mixed &= apart > _APART * seen.spreads.sum(axis=1) + 1
-        deviations.append(float(np.median((beside / apart)[mixed])) if mixed.sum() > _PIXELS else 0.0)
-    linear, root = deviations
+        found.append((beside / apart)[mixed])
+    return tuple(found)
+
+
+def straightest(pieces: Sequence[tuple[Float, ...]]) -> float:
+    """Exponent of light over levels that the `deviations` in all pieces of a light field speak for."""
+    every = [np.concatenate(each) for each in zip(*pieces, strict=True)]
+    linear, root = (float(np.median(each)) if each.size > _PIXELS else 0.0 for each in every)
     return _EXPONENTS[1] if 0 < root < _STRAIGHTER * linear else _EXPONENTS[0]
 
 

@@ -21,7 +21,7 @@ eighth beside whole pixels come out 0.004 px wrong.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -118,12 +118,14 @@ class Evidence:
     """What the views say at each pixel, all (H, W).
 
     `step` is the change of disparity that they ask for, px per view step; `weight` the information it rests
-    on, per (px per view step)²; `trusted` what is left of that near depth edges.
+    on, per (px per view step)²; `trusted` what is left of that near depth edges. `typical` is the squared
+    difference of views, in grey levels, that none counted as less than.
     """
 
     step: NDArray[np.float32]
     weight: NDArray[np.float32]
     trusted: NDArray[np.float32]
+    typical: float
 
 
 def refine_disparity(
@@ -169,11 +171,12 @@ def refine_disparity(
 class Refined:
     """A refined map and its standard error, (H, W) each, px per view step; see `standard_error`.
 
-    A map too small to be refined has none.
+    A map too small to be refined has none. `typical` is that of the evidence of each round.
     """
 
     disparity: NDArray[np.float32]
     sigma: NDArray[np.float32] | None
+    typical: tuple[float, ...] = ()
 
 
 def refine_map(
@@ -182,24 +185,28 @@ def refine_map(
     rule: RefineRule,
     engine: Engine,
     second: Witness | None = None,
+    typical: Sequence[float] = (),
 ) -> Refined:
     """`refine_disparity` of a contiguous map, with its standard error.
 
     A second witness beside the views is heard before them, as they see only what is near, and with them when
-    planes are fitted; it has no part in what is refused and in the standard error.
+    planes are fitted; it has no part in what is refused and in the standard error. `typical` is that of
+    the evidence of each round, where the light field is a piece of the one that it was measured on.
     """
     if min(disparity.shape) < _SMALLEST:
         return Refined(disparity, None)
     guide = guide_image(lf, "colour")
     found = disparity if second is None else _levelled(disparity, second, guide, rule, engine)
+    noted: list[float] = []
     for count in range(rule.rounds):
-        evidence = gather_evidence(lf, found, rule, engine)
+        evidence = gather_evidence(lf, found, rule, engine, typical[count] if typical else None)
+        noted.append(evidence.typical)
         prior = rule.prior * (1 if count == 0 else _KEPT)
         heard = evidence if second is None else _joined(evidence, *second(found))
         fitted = _fit_planes(found, heard, guide, replace(rule, prior=prior), engine)
         kept = np.where(_refused(fitted - found, evidence, rule, engine), found, fitted)
         found = _draw_rims(kept, guide, rule, engine)
-    return Refined(found, standard_error(disparity, found, evidence, guide, engine))
+    return Refined(found, standard_error(disparity, found, evidence, guide, engine), tuple(noted))
 
 
 def standard_error(
@@ -253,9 +260,13 @@ def _nearer_end(lf: LightField) -> NDArray[np.float64]:
 
 
 def gather_evidence(
-    lf: LightField, disparity: NDArray[np.float32], rule: RefineRule, engine: Engine
+    lf: LightField,
+    disparity: NDArray[np.float32],
+    rule: RefineRule,
+    engine: Engine,
+    typical: float | None = None,
 ) -> Evidence:
-    """What the views that see a map's pixels (H, W) say of it."""
+    """What the views that see a map's pixels (H, W) say of it; `typical` as `Evidence` has it."""
     found = engine.ask_views(
         engine.spline_views(lf, outer_views(lf)),
         disparity,
@@ -268,6 +279,7 @@ def gather_evidence(
         halving=rule.halving,
         jump=rule.jump,
         rims=rule.rims,
+        typical=typical,
     )
     return Evidence(*found)
 

@@ -322,10 +322,13 @@ class Engine(Protocol):
         halving: float,
         jump: float,
         rims: tuple[float, ...],
-    ) -> tuple[Float, Float, Float]:
+        typical: float | None,
+    ) -> tuple[Float, Float, Float, float]:
         """One Gauss–Newton step at every pixel of a map, by views `spline_views` (`blocks.refine`).
 
-        The step (H, W), its information, and what is left of that near depth edges.
+        The step (H, W), its information, and what is left of that near depth edges; and the `typical` squared
+        difference of views, grey levels squared, which nowhere counts as less: that of these pixels by
+        default.
         """
 
     def fit_steps(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
@@ -39,6 +40,23 @@ class MethodInfo:
     reference: str = ""
 
 
+@dataclass(frozen=True)
+class Measured:
+    """What a method takes from the pixels of a whole light field, and would take otherwise from each piece.
+
+    Attributes
+    ----------
+    exponent
+        Of light over levels (`blocks.edge_net`).
+    typical
+        Squared difference of views that none counts as less than, in grey levels, for each round of
+        refinement (`blocks.refine`).
+    """
+
+    exponent: float
+    typical: tuple[float, ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class Problem:
     """What a method has to solve.
@@ -54,6 +72,9 @@ class Problem:
     noise
         How far views differ for no reason, where that was measured over more than this light field; None
         leaves it to the method.
+    measured
+        What `Method.measure` found, where `lf` is a window of a larger light field; None leaves it to the
+        method.
     borders
         Where `lf` is a window of a larger light field: how paths enter it and leave it. Methods that know no
         such paths leave it alone.
@@ -63,6 +84,7 @@ class Problem:
     range: tuple[float, float]
     planes: NDArray[np.float64]
     noise: Residual | None = None
+    measured: Measured | None = None
     borders: PathBorders | None = None
 
     @property
@@ -171,6 +193,14 @@ class Method:
     def halo(self) -> int:
         """Px around a pixel that have a say in its disparity, what moves with the views aside."""
         return 0
+
+    def measure(self, samples: Iterable[Problem], work: Work) -> Measured | None:
+        """What the method takes from a whole light field, by samples of it; None if there is no such thing.
+
+        For light fields that are estimated piece by piece: pieces that measured it each for itself would show
+        where they meet.
+        """
+        return None
 
     def run(self, problem: Problem, work: Work) -> Maps:
         """Estimate."""

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.blocks.edge_net import AS_THEY_ARE, decide_sides
+from lfdepth.blocks.edge_net import decide_sides, mixed_deviations, straightest
 from lfdepth.blocks.edges import DepthEdges, EdgeRule
 from lfdepth.blocks.energy import JointEnergy, JointRule
 from lfdepth.blocks.refine import RefineRule, refine_map
@@ -16,11 +17,20 @@ from lfdepth.blocks.smoothing import GuidedFilter, guide_image
 from lfdepth.blocks.sweep import smoothed_votes
 from lfdepth.blocks.voting import VoteRule
 from lfdepth.methods import common
-from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
+from lfdepth.methods.base import Maps, Measured, Method, MethodInfo, Problem, Shape, Work
 from lfdepth.methods.parameters import Real, Switch, Whole, Word
 
 _ROUNDS = {"fast": 0, "normal": 1, "best": 2}
 """Rounds of refinement by effort."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Refined:
+    """Maps but for the edge net; the map (H, W) before edges were decided; and `Measured.typical`."""
+
+    maps: Maps
+    before: NDArray[np.float32]
+    typical: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -117,14 +127,36 @@ class FbsVis(Method):
 
     def run(self, problem: Problem, work: Work) -> Maps:
         """A first map, its visibility and edges, the second count, gloss, and the map."""
-        lf, planes, engine, trace = problem.lf, problem.planes, work.engine, work.trace
-        rounds = _ROUNDS[self.effort]
-        trace.steps(
-            len(planes)
-            + 1
-            + self.visibility * (len(planes) + self.gloss + min(rounds, 1) + self.edge_net + 2)
+        rounds, planes = _ROUNDS[self.effort], len(problem.planes)
+        work.trace.steps(
+            planes + 1 + self.visibility * (planes + self.gloss + min(rounds, 1) + self.edge_net + 2)
         )
-        rule = self.vote_rule
+        found = self._refined(problem, work)
+        if not (self.visibility and self.edge_net):
+            return found.maps
+        with work.trace.block("edges"):
+            exponent = problem.measured.exponent if problem.measured else None
+            disparity = decide_sides(
+                problem.lf, found.maps.disparity, found.before, exponent=exponent, engine=work.engine
+            )
+        work.trace.step("edge net")
+        return replace(found.maps, disparity=disparity)
+
+    def measure(self, samples: Iterable[Problem], work: Work) -> Measured | None:
+        """Whether mixed pixels lie straighter in light, and views' typical difference, of all samples."""
+        if not self.visibility:
+            return None
+        mixed, typical = [], []
+        for sample in samples:
+            found = self._refined(sample, work)
+            mixed.append(mixed_deviations(sample.lf, found.maps.disparity, engine=work.engine))
+            typical.append(found.typical)
+        return Measured(straightest(mixed), tuple(np.median(typical, axis=0).tolist()))
+
+    def _refined(self, problem: Problem, work: Work) -> _Refined:
+        """All but the edge net."""
+        lf, planes, engine, trace = problem.lf, problem.planes, work.engine, work.trace
+        rounds, rule, typical = _ROUNDS[self.effort], self.vote_rule, tuple[float, ...]()
         with trace.block("preparation"):
             guide = guide_image(lf, self.guide)
             smoothing = GuidedFilter(guide, self.radius, self.epsilon, engine=engine)
@@ -139,7 +171,7 @@ class FbsVis(Method):
         disparity, confidence = energy.decide()
         if not self.visibility:
             trace.step("decision")
-            return Maps(disparity, confidence)
+            return _Refined(Maps(disparity, confidence), disparity)
         with trace.block("edges"):
             # One pass will do for a map that only says which views see what.
             first = edges.decide(disparity, passes=1)
@@ -162,17 +194,12 @@ class FbsVis(Method):
         if rounds > 0:
             with trace.block("refinement"):
                 second = energy.ask_signs if self.faint else None
-                refined = refine_map(lf, disparity, RefineRule(rounds=rounds), engine, second)
-                disparity, sigma = refined.disparity, refined.sigma
+                known = problem.measured.typical if problem.measured else ()
+                refined = refine_map(lf, disparity, RefineRule(rounds=rounds), engine, second, known)
+                disparity, sigma, typical = refined.disparity, refined.sigma, refined.typical
             trace.take("refined", disparity)
             trace.step("refinement")
-        if self.edge_net:
-            with trace.block("edges"):
-                # Pieces of a light field might measure different exponents, and show where they meet.
-                exponent = None if problem.noise is None else AS_THEY_ARE
-                disparity = decide_sides(lf, disparity, before, exponent=exponent, engine=engine)
-            trace.step("edge net")
-        return Maps(disparity, confidence, sigma)
+        return _Refined(Maps(disparity, confidence, sigma), before, typical)
 
     def _energy(self, problem: Problem, guide: NDArray[np.float32], work: Work) -> JointEnergy:
         """The energy, on every second plane until the first map, where there is a second count."""

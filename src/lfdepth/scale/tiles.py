@@ -1,9 +1,10 @@
 """Fields whose views do not fit in memory: a map tile by tile.
 
-What a whole field decides (range, brightness, noise) is found once, on a shrunken copy and on a window, and
-handed to all tiles. A tile is estimated from the window of all views that has a say in it: its own pixels, as
-far around them as views shift and as the method's windows reach (`halo`). Every tile is a file of its own
-until all are there, so that the work goes on where it stopped, and any number of workers can share it.
+What a whole field decides (range, brightness, noise, and what the method measures) is found once, on a
+shrunken copy and on windows, and handed to all tiles. A tile is estimated from the window of all views that
+has a say in it: its own pixels, as far around them as views shift and as the method's windows reach (`halo`).
+Every tile is a file of its own until all are there, so that the work goes on where it stopped, and any number
+of workers can share it.
 
 Paths that make disparities smooth reach farther than any halo where there is no texture. So neighbouring
 tiles are compared along their border, of which both have a map. Where they differ, they are done again, and
@@ -36,6 +37,7 @@ from lfdepth.lightfield import LightField, check_range, grid_offsets
 from lfdepth.memory import size_text
 from lfdepth.methods import DEFAULT, Method, Problem, Work
 from lfdepth.methods import method as named_method
+from lfdepth.methods.base import Measured
 from lfdepth.probe.brightness import Equalisation, equalise, measure_brightness
 from lfdepth.probe.ranges import find_range
 from lfdepth.scale import pools
@@ -59,6 +61,7 @@ ENDINGS = (".zarr", ".tif", ".tiff", ".npy")
 """Formats that are written tile by tile."""
 _SHRUNK = 512  # px, the shorter side of what range and brightness are found on
 _SAMPLE = 512  # px, side of the window on which noise is measured
+_FIVE = 320, 224, 160, 96  # px, sides that five windows may have, on which a method measures what it takes
 _SMALLEST, _LARGEST, _MULTIPLE = 32, 4096, 32  # px, sides of tiles
 _PROCESS = 350_000_000  # bytes of an interpreter with its libraries and kernels
 _PROBE, _EQUALISATION = "probe.npz", "equalisation_"
@@ -313,12 +316,13 @@ def check_tiled_writable(out: Path) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Probe:
-    """What all tiles are told: range, brightness, noise, and the value of white."""
+    """What all tiles are told: range, brightness, noise, the value of white, and what the method measured."""
 
     range: tuple[float, float]
     equalisation: Equalisation | None
     noise: Residual
     white: float | None
+    measured: Measured | None = None
 
 
 def _seen(job: Job) -> Look:
@@ -342,7 +346,7 @@ def _read_window(job: Job, window: Window, path: Path, white: float | None, scal
 
 
 def _probe(job: Job, seen: Look, given: tuple[float, float] | None, memory: float) -> _Probe:
-    """Range and brightness of the shrunken field, noise of a window in its middle; remembered in a file."""
+    """Range and brightness of the shrunken field, and of windows what they tell; remembered in a file."""
     file = Path(job.folder) / _PROBE
     wanted = json.dumps(job.provenance() | {"range": given}, sort_keys=True, default=str)
     if (found := _remembered(file, wanted)) is not None:
@@ -355,14 +359,38 @@ def _probe(job: Job, seen: Look, given: tuple[float, float] | None, memory: floa
             even = small if equal is None else equalise(small, equal)
             low, high = find_range(even, engine=engine)
             given = low / scale, high / scale
-        window = _middle(seen, _SAMPLE)
-        sample = _read_window(job, window, path, seen.white)
-        if equal is not None:
-            sample = equalise(sample, equal, part=_slices(window), size=seen.shape[2:4])
-        noise = residual(sample, job.chosen().planes_for(given), engine=engine)
-    probe = _Probe(given, equal, noise, seen.white)
+        chosen, first = job.chosen(), _Probe(given, equal, Residual(0.0, 0.0), seen.white)
+        planes, size = chosen.planes_for(given), seen.shape[2:4]
+        middle = _even_window(job, _around((size[0] // 2, size[1] // 2), size, _SAMPLE), path, first, size)
+        probe = replace(first, noise=residual(middle, planes, engine=engine))
+        samples = (
+            Problem(_even_window(job, window, path, probe, size), given, planes, probe.noise)
+            for window in _samples(job, seen, probe, memory)
+        )
+        probe = replace(probe, measured=chosen.measure(samples, Work(engine, Trace())))
     _remember(file, probe, wanted)
     return probe
+
+
+def _even_window(job: Job, window: Window, path: Path, probe: _Probe, size: tuple[int, int]) -> LightField:
+    """A window of all views of (H, W) px, as bright as each other."""
+    lf = _read_window(job, window, path, probe.white)
+    if probe.equalisation is None:
+        return lf
+    return equalise(lf, probe.equalisation, part=_slices(window), size=size)
+
+
+def _samples(job: Job, seen: Look, probe: _Probe, memory: float) -> list[Window]:
+    """Windows that stand for a field: all of it, or five spread over it, as small as the memory asks for."""
+    height, width = size = seen.shape[2], seen.shape[3]
+    sides = [side for side in (_SAMPLE, *_FIVE) if _bytes(job, seen, probe, side) <= memory]
+    side = sides[0] if sides else _FIVE[-1]
+    if side >= max(size):
+        return [_around((height // 2, width // 2), size, side)]
+    side = min(side, _FIVE[0])
+    places = [(1, 1), (1, 3), (2, 2), (3, 1), (3, 3)]
+    windows = [_around((height * down // 4, width * across // 4), size, side) for down, across in places]
+    return list(dict.fromkeys(windows))
 
 
 def _shrunken(job: Job, seen: Look, path: Path, memory: float) -> tuple[LightField, float]:
@@ -381,13 +409,19 @@ def _shrunken(job: Job, seen: Look, path: Path, memory: float) -> tuple[LightFie
     return replace(bands[0], views=views, camera=None, truth=None, masks={}, disparity_range=None), 1 / factor
 
 
-def _middle(seen: Look, side: int) -> Window:
-    height, width = (min(side, size) for size in seen.shape[2:4])
-    return (seen.shape[3] - width) // 2, (seen.shape[2] - height) // 2, width, height
+def _around(place: tuple[int, int], size: tuple[int, int], side: int) -> Window:
+    """A window around a place (y, x), moved into the picture of (H, W) px."""
+    height, width = (min(side, each) for each in size)
+    top, left = (
+        min(max(at - length // 2, 0), each - length)
+        for at, length, each in zip(place, (height, width), size, strict=True)
+    )
+    return left, top, width, height
 
 
 def _remember(file: Path, probe: _Probe, made_of: str) -> None:
     arrays = {} if probe.equalisation is None else probe.equalisation.arrays()
+    known = probe.measured
     with atomic(file) as temporary:
         np.savez(
             temporary,
@@ -396,6 +430,7 @@ def _remember(file: Path, probe: _Probe, made_of: str) -> None:
             ends=np.asarray(probe.range),
             noise=np.asarray(probe.noise),
             white=np.asarray(np.nan if probe.white is None else probe.white),
+            measured=np.asarray([] if known is None else [known.exponent, *known.typical]),
             **{f"{_EQUALISATION}{key}": value for key, value in arrays.items()},
         )
 
@@ -417,10 +452,10 @@ def _remembered(file: Path, made_of: str | None) -> _Probe | None:
         }
         equal = Equalisation.of_arrays(parts) if parts else None
         low, high = found["ends"].tolist()
-        white = float(found["white"])
-        return _Probe(
-            (low, high), equal, Residual(*found["noise"].tolist()), None if np.isnan(white) else white
-        )
+        white, noise = float(found["white"]), Residual(*found["noise"].tolist())
+        known = found["measured"].tolist()
+        measured = Measured(known[0], tuple(known[1:])) if known else None
+        return _Probe((low, high), equal, noise, None if np.isnan(white) else white, measured)
 
 
 # --- tiles
@@ -608,16 +643,15 @@ def _done(job: Job) -> Outcome:
     probe = _remembered(Path(job.folder) / _PROBE, None)
     assert probe is not None  # or there would be no tiles
     with at_hand(job.scene) as path:
-        lf = _read_window(job, job.window, path, probe.white)
-    if probe.equalisation is not None:
-        lf = equalise(lf, probe.equalisation, part=_slices(job.window), size=job.whole)
+        lf = _even_window(job, job.window, path, probe, job.whole)
     chosen = job.chosen()
     chosen.check(lf.shape)
     planes = chosen.planes_for(probe.range)
     check_room(job, chosen.memory(lf.shape, planes, lf.views.itemsize))
     borders = PathBorders({side: job.entries[side] for side in job.sources}, job.exits, _entering(job))
     with start_engine(job.settings["engine"], threads=job.threads) as engine:
-        maps = chosen.run(Problem(lf, probe.range, planes, probe.noise, borders), Work(engine, Trace()))
+        problem = Problem(lf, probe.range, planes, probe.noise, probe.measured, borders)
+        maps = chosen.run(problem, Work(engine, Trace()))
     disparity = np.clip(maps.disparity, *probe.range).astype(np.float32)
     inner = _slices(_within(job.core, job.window))
     arrays = {"disparity": disparity[inner], "confidence": maps.confidence[inner]}

@@ -459,7 +459,8 @@ class CpuEngine:
         halving: float,
         jump: float,
         rims: tuple[float, ...],
-    ) -> tuple[Float, Float, Float]:
+        typical: float | None,
+    ) -> tuple[Float, Float, Float, float]:
         """Moments over the views that see each pixel, and what follows from them."""
         height, width = disparity.shape
         rows, single = self.workers.rows, np.float32
@@ -472,14 +473,15 @@ class CpuEngine:
         fine, taps = np.empty_like(maps[:3]), _gaussian(high_pass)
         for index in range(3):
             rows(height, refine_kernels.blur_kernel, maps[index], taps, True, fine[index])
-        differing = maps[3][maps[3] > 0]
-        typical = float(np.median(differing)) if differing.size else 0.0
+        if typical is None:
+            differing = maps[3][maps[3] > 0]
+            typical = float(np.median(differing)) if differing.size else 0.0
         noise = np.maximum(self.blur(maps[3], noise_blur), single(max(typical, least_noise)))
         step, weight, trusted = (np.empty_like(disparity) for _ in "123")
         rule = (single(farthest), single(halving), single(jump))
         near, out = np.array(rims, single), (step, weight, trusted)
         rows(height, refine_kernels.evidence_kernel, fine, spreads, noise, disparity, rule, near, *out)
-        return step, weight, trusted
+        return step, weight, trusted, typical
 
     def fit_steps(
         self,

@@ -313,7 +313,8 @@ class NumpyEngine:
         halving: float,
         jump: float,
         rims: tuple[float, ...],
-    ) -> tuple[Float, Float, Float]:
+        typical: float | None,
+    ) -> tuple[Float, Float, Float, float]:
         """One Gauss–Newton step at every pixel."""
         return refine.ask(
             views,
@@ -327,6 +328,7 @@ class NumpyEngine:
             halving=halving,
             jump=jump,
             rims=rims,
+            typical=typical,
         )
 
     def fit_steps(

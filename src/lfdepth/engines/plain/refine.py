@@ -52,13 +52,15 @@ def ask(
     halving: float,
     jump: float,
     rims: tuple[float, ...],
-) -> tuple[Float, Float, Float]:
-    """Step, information, and what is left of it near depth edges."""
+    typical: float | None,
+) -> tuple[Float, Float, Float, float]:
+    """Step, information, what is left of it near depth edges, and views' typical squared difference."""
     mean, along, variance, spreads = _slopes(views, disparity, margin, fewest)
     mean, along_u, along_v = (image - blur(image, high_pass) for image in (mean, *along))
-    differing = variance[variance > 0]
-    least = max(float(np.median(differing)) if differing.size else 0.0, least_noise)
-    noise = np.maximum(blur(variance, noise_blur), least)
+    if typical is None:
+        differing = variance[variance > 0]
+        typical = float(np.median(differing)) if differing.size else 0.0
+    noise = np.maximum(blur(variance, noise_blur), max(typical, least_noise))
     right, below = _derivative(mean, 1), _derivative(mean, 0)
     uu, uv, vv = spreads
     information = right**2 * uu + 2 * right * below * uv + below**2 * vv
@@ -68,7 +70,7 @@ def ask(
     step = np.clip(np.divide(asked, information, out=np.zeros_like(asked), where=says), -farthest, farthest)
     weight = np.where(says, information / (noise * (1 + (step / halving) ** 2)), 0)
     trusted = weight * _trust(disparity, jump, rims)
-    return step.astype(np.float32), weight.astype(np.float32), trusted.astype(np.float32)
+    return step.astype(np.float32), weight.astype(np.float32), trusted.astype(np.float32), typical
 
 
 def blur(image: NDArray[np.floating], deviation: float) -> Exact:
