@@ -391,5 +391,5 @@ def test_a_lost_scheduler_is_named() -> None:
             raise OSError("connection closed")
 
     pytest.importorskip("distributed")
-    with pytest.raises(LightFieldError, match=r"scheduler lost with 1 scenes to go .*rerun the same command"):
+    with pytest.raises(LightFieldError, match=r"scheduler lost with 1 still to do .*rerun the same command"):
         list(pools.on_cluster([Job("/a", "out", "fbs")], Client()))

@@ -12,19 +12,22 @@ import numpy as np
 import pytest
 
 import lfdepth
+from clusters import Cluster
 from lfdepth import scenes
 from lfdepth.blocks.noise import Residual
 from lfdepth.cli import main
 from lfdepth.errors import LightFieldError
 from lfdepth.io import read_disparity
 from lfdepth.lightfield import LightField
+from lfdepth.methods.base import Measured
+from lfdepth.methods.fbs_vis import FbsVis
 from lfdepth.probe.brightness import Equalisation, equalise
 from lfdepth.scale import tiles
 from lfdepth.scale.jobs import jobs_for
 from lfdepth.scale.look import look
 from lfdepth.scale.tiles import estimate_tiled
 
-COTTON = Path(__file__).parents[2] / "shared" / "data" / "hci4d" / "cotton"
+BENCHMARK = Path(__file__).parents[2] / "shared" / "data" / "hci4d"
 FAST: dict[str, Any] = {"threads": 1, "effort": "fast", "gloss": False}
 
 
@@ -60,7 +63,7 @@ def test_without_a_halo_seams_show_and_are_told(saved: Path) -> None:
     out = saved.with_name("map.npy")
     done = estimate_tiled(saved, out, tile=64, halo=0, **FAST)
     assert np.mean(np.abs(read_disparity(out) - whole()) > 0.02) > 0.001
-    assert done.apart > tiles.MOST_APART
+    assert done.off > tiles.MOST_OFF
     assert "allow more memory" in done.warnings[0]
 
 
@@ -90,17 +93,81 @@ def test_paths_go_on_where_tiles_end(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert found[0][1] > 0.01
     assert found[0][2] > 0.005
     assert found[3][0] > 0
-    assert found[3][1] < tiles.MOST_APART
+    assert found[3][1] < 0.005
     assert found[3][2] < 0.001
 
 
+def test_tiles_are_told_what_light_levels_are(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The exponent of all of a field decides at its depth edges: told another one, tiles make another map."""
+    lf = scenes.render("bars", size=(64, 150), views=5)
+    roots = np.rint(255 * (lf.views / 255) ** (1 / 2.2)).astype(np.uint8)
+    lfdepth.write(tmp_path / "field.npy", LightField(roots))
+    words: dict[str, Any] = {**FAST, "range": lf.disparity_range, "equalise": False}
+    expected = lfdepth.estimate(LightField(roots), check=False, **words).disparity
+    measure: Any = FbsVis.measure
+    told: list[Measured] = []
+
+    def measured(self: FbsVis, *samples: Any) -> Measured:
+        told.append(measure(self, *samples))
+        return told[-1]
+
+    monkeypatch.setattr(FbsVis, "measure", measured)
+    off = {}
+    for exponent in (2.2, 1.0):
+        estimate_tiled(tmp_path / "field.npy", tmp_path / "map.npy", tile=64, **words)
+        off[exponent] = np.mean(np.abs(read_disparity(tmp_path / "map.npy") - expected) > 0.02)
+        monkeypatch.setattr(FbsVis, "measure", lambda *_: Measured(1.0, told[0].typical))
+    assert told[0].exponent == 2.2
+    assert off[2.2] < 0.001 < off[1.0]
+
+
 @pytest.mark.slow
-def test_tiles_of_cotton_make_the_whole_map(tmp_path: Path) -> None:
-    if not COTTON.is_dir():
-        pytest.skip("needs ../shared/data/hci4d/cotton")
-    whole_map = lfdepth.estimate(lfdepth.read(COTTON), check=False).disparity
-    estimate_tiled(COTTON, tmp_path / "map.npy", tile=192)
+@pytest.mark.parametrize("name", ["cotton", "backgammon"])
+def test_tiles_of_the_benchmark_make_the_whole_map(name: str, tmp_path: Path) -> None:
+    if not (BENCHMARK / name).is_dir():
+        pytest.skip(f"needs ../shared/data/hci4d/{name}")
+    whole_map = lfdepth.estimate(lfdepth.read(BENCHMARK / name), check=False).disparity
+    estimate_tiled(BENCHMARK / name, tmp_path / "map.npy", tile=192)
     assert np.mean(np.abs(read_disparity(tmp_path / "map.npy") - whole_map) > 0.02) < 0.001
+
+
+def uneven_halves() -> LightField:
+    """Texture on the left, and on the right hardly any: views differ there ten times less."""
+    lf = scenes.render("bars", size=(64, 150), views=5)
+    views = lf.views.astype(np.float64)
+    views[..., 75:, :] = 110 + 0.1 * (views[..., 75:, :] - 110)
+    return LightField(np.rint(views).astype(np.uint8), disparity_range=lf.disparity_range)
+
+
+def test_what_the_refinement_takes_from_a_field_is_measured_once(tmp_path: Path) -> None:
+    """The views' typical difference is that of the whole field in all of its tiles."""
+    lf = uneven_halves()
+    lfdepth.write(tmp_path / "field.npy", lf)
+    words: dict[str, Any] = {"range": lf.disparity_range, "equalise": False, "threads": 1}
+    expected = lfdepth.estimate(lf, check=False, **words).disparity
+    estimate_tiled(tmp_path / "field.npy", tmp_path / "map.npy", tile=64, **words)
+    assert np.mean(np.abs(read_disparity(tmp_path / "map.npy") - expected) > 0.02) < 0.001
+
+
+@pytest.mark.parametrize("shape", [(400, 500), (513, 900), (2000, 300), (8192, 8192)])
+def test_samples_are_spread_over_the_field(shape: tuple[int, int], saved: Path) -> None:
+    """All of a small field; of a large one windows that lie in it, on either side of the middle, and fit."""
+    job = jobs_for([saved], saved.parent, lfdepth.method("fbs-vis"), reading={}, settings={}, threads=1)[0]
+    seen = replace(look(saved, {}), shape=(9, 9, *shape, 3))
+    probe = tiles._Probe((-2.0, 2.0), None, Residual(0, 0), None)
+    for memory in (4e9, 7e8):
+        windows = tiles._samples(job, seen, probe, memory)
+        if memory == 4e9 and max(shape) <= 512:
+            assert windows == [(0, 0, shape[1], shape[0])]
+            continue
+        for x, y, width, height in windows:
+            assert 0 <= x <= x + width <= shape[1]
+            assert 0 <= y <= y + height <= shape[0]
+            assert tiles._bytes(job, seen, probe, max(width, height)) <= memory
+        middles = np.array([(y + height / 2, x + width / 2) for x, y, width, height in windows])
+        assert (middles.min(axis=0) <= np.array(shape) / 2).all()
+        assert (middles.max(axis=0) >= np.array(shape) / 2).all()
+        assert len(windows) >= 3
 
 
 def test_a_break_costs_one_tile(saved: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -196,6 +263,24 @@ def test_tiles_from_the_command_line(saved: Path, capsys: pytest.CaptureFixture[
     assert read_disparity(out).shape == (64, 150)
 
 
+def test_tiles_on_a_cluster_from_the_command_line(
+    saved: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A worker of a scheduler makes the same map, to the last byte, as this process."""
+    pytest.importorskip("distributed")
+    alone, shared = tmp_path / "alone.npy", tmp_path / "shared.npy"
+    common = ["estimate", str(saved), "--memory", "355MB", "--halo", "16", "--effort", "fast", "--json"]
+    assert main([*common, "-o", str(alone), "--workers", "1", "--threads", "1"]) == 0
+    one = json.loads(capsys.readouterr().out)
+    with Cluster(tmp_path) as cluster:
+        cluster.start_worker("a")
+        assert main([*common, "-o", str(shared), "--scheduler", cluster.address]) == 0
+    other = json.loads(capsys.readouterr().out)
+    assert one["tiles"] == other["tiles"] > 1
+    assert one["halo_px"] == 16
+    assert shared.read_bytes() == alone.read_bytes()
+
+
 @pytest.mark.parametrize(
     ("words", "message"),
     [
@@ -207,6 +292,15 @@ def test_tiles_from_the_command_line(saved: Path, capsys: pytest.CaptureFixture[
         (["-o", "a.npy", "--memory", "2GB", "--preview", "a.png"], "--preview: found with --memory"),
         (["-o", "a.npy", "--memory", "2GB", "--all-views"], "--all-views: found with --memory"),
         (["-o", "a.npy", "--memory", "2GB", "--scale", "0.5"], "scale: found with tiles"),
+        (["-o", "a.npy", "--scheduler", "tcp://head:8786"], "--scheduler: found without --memory; expected"),
+        (["-o", "a.npy", "--workers", "2"], "--workers: found without --memory; expected it with tiles; add"),
+        (["-o", "a.npy", "--halo", "16"], "--halo: found without --memory; expected it with tiles; add"),
+        (["-o", "a.npy", "--memory", "2GB", "--workers", "0"], "workers: found 0, expected at least 1"),
+        (["-o", "a.npy", "--memory", "2GB", "--halo", "-1"], "halo: found -1, expected 0 px or more"),
+        (
+            ["-o", "a.npy", "--memory", "2GB", "--workers", "2", "--scheduler", "tcp://head:8786"],
+            "expected one of client, scheduler and workers; leave the others out",
+        ),
     ],
 )
 def test_what_cannot_be_is_refused_in_a_line(

@@ -78,6 +78,9 @@ def estimate(
     view: View = None,
     all_views: Flag = False,
     memory: Memory = None,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    halo: int | None = None,
     as_json: Json = False,
     options: Any = None,
     reading: ReadingParameters = AS_IT_IS,
@@ -91,6 +94,7 @@ def estimate(
         lfdepth estimate cotton -o cotton.npy --method fbsocc-sfa --preset paper-synthetic
         lfdepth estimate cotton -o cotton.zarr --all-views
         lfdepth estimate gantry.zarr -o gantry.tif --memory 2GB
+        lfdepth estimate gantry.zarr -o gantry.tif --memory 2GB --scheduler tcp://head:8786
 
     Parameters
     ----------
@@ -133,6 +137,14 @@ def estimate(
     memory
         Work by tiles and take no more memory than this, such as 2GB: for fields that do not fit. The output
         is a .zarr, .tif or .npy; after a break, the same command goes on.
+    workers
+        With --memory: number of processes among which tiles are divided, each of which takes that memory; 1
+        by default.
+    scheduler
+        With --memory: address of a Dask scheduler whose workers do the tiles; they must see the same paths.
+    halo
+        With --memory: px around a tile that it is estimated from, beside the shifts of the views; 48 by
+        default.
     """
     import lfdepth
     from lfdepth.cli.ahead import KernelsAhead
@@ -145,9 +157,11 @@ def estimate(
         one_map |= {"--refine-positions": refine_positions, "--all-views": all_views}
         _check_by_tiles(one_map | {"--quantity": quantity != "disparity"})
         settings: dict[str, Any] = {"threads": threads, "engine": engine, "equalise": equalise == "auto"}
-        settings["range"] = range
+        settings |= {"range": range, "workers": workers, "scheduler": scheduler}
+        settings |= {} if halo is None else {"halo": halo}
         _estimate_by_tiles(scene, output, chosen, memory, settings, reading, as_json)
         return
+    _check_whole({"--workers": workers, "--scheduler": scheduler, "--halo": halo})
     if all_views and view is None:
         _check_all_views(quantity, mesh)
         check_view_maps_writable(output)
@@ -564,6 +578,15 @@ def _check_by_tiles(options: dict[str, Any]) -> None:
     for name, value in options.items():
         if value not in (None, False):
             raise LightFieldError(f"{name}: found with --memory, which works by tiles; leave one out")
+
+
+def _check_whole(options: dict[str, Any]) -> None:
+    """Raise LightFieldError where an option is about tiles, and the map is estimated as a whole."""
+    for name, value in options.items():
+        if value is not None:
+            raise LightFieldError(
+                f"{name}: found without --memory; expected it with tiles; add --memory 2GB, or leave it out"
+            )
 
 
 def _estimate_by_tiles(

@@ -114,7 +114,7 @@ def tiled_facts(scene: Path, done: Tiled) -> Facts:
 
 def tiled_text(facts: Facts) -> str:
     """The same in words."""
-    apart = f"{100 * facts['apart_at_borders']:.2g} %"
+    apart, off = (f"{100 * facts[name]:.2g} %" for name in ("apart_at_borders", "off"))
     done = f", {facts['done_before']} of them done before" if facts["done_before"] else ""
     done += f", {facts['done_again']} done again" if facts["done_again"] else ""
     return _aligned(
@@ -122,7 +122,8 @@ def tiled_text(facts: Facts) -> str:
             "scene": f"{facts['scene']}, {_shape_text(facts['shape'])}",
             "range": _range_text(facts["range"]),
             "tiles": f"{facts['tiles']} of {facts['tile_px']} px with {facts['halo_px']} around{done}",
-            "borders": f"tiles differ by more than 0.02 px on {apart} of the pixels there",
+            "borders": f"tiles differ by more than 0.02 px on {apart} of the pixels there, about {off} of the "
+            "map may be wrong by as much",
             "time": f"{facts['runtime_s']:.2f} s",
             "written": ", ".join(facts["written"]),
         }

@@ -109,6 +109,14 @@ def _killed(job: Job, error: BaseException) -> LightFieldError:
     )
 
 
+def check_who(client: Any, scheduler: str | None, workers: int | None) -> None:
+    """Raise LightFieldError if more than one is named to do jobs, or no worker."""
+    if workers is not None and workers < 1:
+        raise LightFieldError(f"workers: found {workers}, expected at least 1")
+    if sum(each is not None for each in (client, scheduler, workers)) > 1:
+        raise LightFieldError("expected one of client, scheduler and workers; leave the others out")
+
+
 def done_by(
     jobs: Sequence[Job], client: Any, scheduler: str | None, workers: int | None, run: Run = run_job
 ) -> Iterator[Outcome]:
@@ -117,12 +125,9 @@ def done_by(
     Raises
     ------
     LightFieldError
-        If more than one is named, or there is none to do it.
+        As `check_who` does, or if there is none to do it.
     """
-    if workers is not None and workers < 1:
-        raise LightFieldError(f"workers: found {workers}, expected at least 1")
-    if sum(each is not None for each in (client, scheduler, workers)) > 1:
-        raise LightFieldError("batch: expected one of client, scheduler and workers; leave the others out")
+    check_who(client, scheduler, workers)
     if not jobs:
         return
     if client is not None:
@@ -242,7 +247,7 @@ def _outcome(future: Any, job: Job) -> Outcome | _Crowded | None:
 def _lost(address: str, error: Exception | None, left: int) -> LightFieldError:
     reason = "" if error is None else f" ({' '.join(str(error).split())[:100]})"
     return LightFieldError(
-        f"{address}: scheduler lost with {left} scenes to go{reason}; expected it to stay up; rerun the same "
+        f"{address}: scheduler lost with {left} still to do{reason}; expected it to stay up; rerun the same "
         "command, which does only what is missing"
     )
 

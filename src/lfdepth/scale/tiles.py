@@ -54,9 +54,8 @@ HALO = 48
 """Px around a tile, beside the shifts of the views: as far as windows and fits reach (docs/scale.md)."""
 SEAM_APART = 0.02
 """Px per view step from which on two tiles say something different."""
-MOST_APART = 0.005
-"""Share of the pixels along a border that may be apart before both its tiles are done again; and of all along
-borders, in the end, before there is a warning."""
+MOST_OFF = 0.001
+"""Share of a map's pixels that may be wrong by as much, by what borders tell, before there is a warning."""
 ENDINGS = (".zarr", ".tif", ".tiff", ".npy")
 """Formats that are written tile by tile."""
 _SHRUNK = 512  # px, the shorter side of what range and brightness are found on
@@ -70,7 +69,11 @@ _BORDER, _PATHS = "border_", "paths_"
 _ROUNDS = 3
 """How often tiles that differ from their neighbours are done again at most."""
 _SEAM = 4
-"""Px on either side of a border that are compared."""
+"""Px on either side of a border that are told of as apart."""
+_OVERLAP, _BAND = 24, 8
+"""Px on either side of a border that are compared, and width of the bands in which they are counted."""
+_SPOILT = MOST_OFF / 2
+"""Share of a tile that may be wrong, by what its borders tell, before the tile is done again."""
 _LATTICE = 24
 """Px of which the corner of a window is a multiple, so that fits at every second, eighth or twelfth pixel are
 at the same ones in all windows."""
@@ -80,6 +83,8 @@ _NEIGHBOURS: dict[Side, tuple[int, int]] = {
     "top": (0, -1),
     "bottom": (0, 1),
 }
+_ACROSS: tuple[Side, Side] = "right", "bottom"
+"""Sides on which every border is met once."""
 _OPPOSITE: dict[Side, Side] = {"left": "right", "right": "left", "top": "bottom", "bottom": "top"}
 
 
@@ -153,6 +158,9 @@ class Tiled:
     apart
         Share of the pixels within 4 px of a border between tiles on which the two differ by more than 0.02
         px per view step.
+    off
+        Share of the map's pixels that may be further than 0.02 px per view step from the map of the whole, by
+        how far into either tile they differ.
     seconds
         For all of it.
     """
@@ -166,17 +174,19 @@ class Tiled:
     there: int
     again: int
     apart: float
+    off: float
     seconds: float
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is to be known of the map, and what to do about it."""
-        if self.apart <= MOST_APART:
+        if self.off <= MOST_OFF:
             return ()
         return (
-            f"seams: on {100 * self.apart:.2g} % of the pixels at their borders, tiles differ by more than "
-            f"{SEAM_APART} px; expected at most {100 * MOST_APART:g} %; allow more memory, for larger tiles, "
-            f"or a halo of more than {self.halo} px (halo= in Python), or estimate the map as a whole",
+            f"seams: about {100 * self.off:.2g} % of the pixels may be more than {SEAM_APART} px off the map "
+            f"of the whole, as tiles differ on {100 * self.apart:.2g} % at their borders; expected at most "
+            f"{100 * MOST_OFF:g} %; allow more memory, for larger tiles, or a halo of more than {self.halo} "
+            "px, or estimate the map as a whole",
         )
 
 
@@ -219,7 +229,9 @@ def estimate_tiled(
         Px around a tile that it is estimated from, beside the shifts of the views.
     client, scheduler, workers
         Who does the tiles, as for `lfdepth.estimate_many`; by default this process.
-    threads, range, engine, equalise, progress, **options
+    threads
+        Of each estimate; by default all processors in this process, and one in each of several workers.
+    range, engine, equalise, progress, **options
         As for `lfdepth.estimate`; progress counts tiles.
     reading
         How the scene is read: arguments of `lfdepth.read`.
@@ -251,8 +263,15 @@ def estimate_tiled(
     started = time.perf_counter()
     if client is None and scheduler is None and workers is None:
         workers = 1
+    if threads is None and workers != 1:
+        threads = 1  # each worker's: there are more of them
     out = Path(out)
+    if halo < 0:
+        raise LightFieldError(f"halo: found {halo}, expected 0 px or more; {HALO} is the default")
+    pools.check_who(client, scheduler, workers)
     check_tiled_writable(out)
+    if scheduler is not None:
+        pools.connect(scheduler).close()  # before anything takes long
     chosen = named_method(method, **options)
     settings: dict[str, Any] = {"engine": engine, "equalise": equalise}
     folder = out.with_name(f"{out.name}.tiles")
@@ -266,7 +285,7 @@ def estimate_tiled(
         side = tile or _largest_tile(job, seen, probe, halo, memory)
         tiles = _tiles(job, seen, probe, side, halo)
         there = sum(each.is_done() for each in tiles)
-        total, apart, again = len(tiles), 0.0, 0
+        total, again = len(tiles), 0
         todo: Sequence[TileJob] = tiles
         while todo:
             left = [each for each in todo if not each.is_done()]
@@ -275,8 +294,8 @@ def estimate_tiled(
                     raise LightFieldError(outcome.message)
                 if progress is not None:
                     progress(total - len(left) + count, total, "tile")
-            apart, disputed = _compared(tiles)
-            todo = _again(tiles, disputed)
+            seams = _compared(tiles)
+            todo = _again(tiles, seams.spoilt)
             total, again = total + len(todo), again + len(todo)
             redone = {each.core: each for each in todo}
             tiles = [redone.get(each.core, each) for each in tiles]
@@ -291,7 +310,8 @@ def estimate_tiled(
         tiles=len(tiles),
         there=there,
         again=again,
-        apart=apart,
+        apart=seams.apart,
+        off=sum(seams.spoilt.values()) / prod(seen.shape[2:4]),
         seconds=time.perf_counter() - started,
     )
 
@@ -537,10 +557,10 @@ def _seam(side: Side, core: Window, window: Window, other: Window) -> Window:
     """Pixels at the border of a tile on a side, as far as its window and the neighbour's have them."""
     x, y, width, height = core
     strips: dict[Side, Window] = {
-        "left": (x - _SEAM, y, 2 * _SEAM, height),
-        "right": (x + width - _SEAM, y, 2 * _SEAM, height),
-        "top": (x, y - _SEAM, width, 2 * _SEAM),
-        "bottom": (x, y + height - _SEAM, width, 2 * _SEAM),
+        "left": (x - _OVERLAP, y, 2 * _OVERLAP, height),
+        "right": (x + width - _OVERLAP, y, 2 * _OVERLAP, height),
+        "top": (x, y - _OVERLAP, width, 2 * _OVERLAP),
+        "bottom": (x, y + height - _OVERLAP, width, 2 * _OVERLAP),
     }
     return _common(strips[side], _common(window, other))
 
@@ -552,31 +572,72 @@ def _common(one: Window, other: Window) -> Window:
     return left, top, max(right - left, 0), max(bottom - top, 0)
 
 
-def _compared(tiles: Sequence[TileJob]) -> tuple[float, set[Window]]:
-    """Share of the pixels at borders on which tiles are apart, and the tiles that dispute, by their cores."""
+@dataclass(frozen=True)
+class _Seams:
+    """How tiles differ at their borders.
+
+    `apart` is `Tiled.apart`; `spoilt` the pixels of each tile, by its core, that this may have made wrong.
+    """
+
+    apart: float
+    spoilt: Mapping[Window, float]
+
+
+def _compared(tiles: Sequence[TileJob]) -> _Seams:
+    """Compare all tiles with their neighbours."""
     places = _places(tiles)
-    disputed: set[Window] = set()
+    spoilt = {job.core: 0.0 for job in tiles}
     pixels = apart = 0
     for (column, row), job in places.items():
-        for side in ("right", "bottom"):
+        for axis, side in enumerate(_ACROSS):
             if side not in job.seams:
                 continue
             right, down = _NEIGHBOURS[side]
             other = places[column + right, row + down]
             with np.load(job.target) as one, np.load(other.target) as two:
                 difference = np.abs(one[f"{_BORDER}{side}"] - two[f"{_BORDER}{_OPPOSITE[side]}"]) > SEAM_APART
-            pixels, apart = pixels + difference.size, apart + int(difference.sum())
-            if difference.any() and difference.mean() > MOST_APART:
-                disputed |= {job.core, other.core}
-    return apart / max(pixels, 1), disputed
+            lines = difference.T if axis == 0 else difference
+            begin = job.seams[side][axis] - other.core[axis]  # of the lines, counted from the border
+            near = lines[max(-_SEAM - begin, 0) : _SEAM - begin]
+            pixels, apart = pixels + near.size, apart + int(near.sum())
+            counts = lines.sum(axis=1)
+            spoilt[job.core] += _spoilt(counts, begin, job.core[2 + axis])
+            spoilt[other.core] += _spoilt(counts[::-1], -begin - len(counts), other.core[2 + axis])
+    return _Seams(apart / max(pixels, 1), spoilt)
 
 
-def _again(tiles: Sequence[TileJob], disputed: set[Window]) -> list[TileJob]:
-    """The tiles that dispute, to be done again with the paths of their neighbours, if that may help."""
+def _spoilt(counts: NDArray[np.int64], begin: int, depth: int) -> float:
+    """How many pixels of a tile may be wrong on the side of a border.
+
+    A tile's errors fade from its window's border, which is beyond the tile's, towards its inside. So it is
+    wrong no more often than tiles differ there, nor than they differ anywhere farther out. What is left at
+    the innermost lines goes on to the middle.
+
+    Parameters
+    ----------
+    counts
+        Pixels that differ on lines along the border, from the inside of the tile outwards.
+    begin
+        Place of the first line, counted from the border; negative inside the tile.
+    depth
+        Px across the tile.
+    """
+    bands = (np.arange(len(counts)) + begin) // _BAND
+    # Farther out than two bands, what both tiles lack may make them alike.
+    means = {band: float(counts[bands == band].mean()) for band in np.unique(bands).tolist() if band < 2}
+    inside = sum(band < 0 for band in means)
+    fading = np.minimum.accumulate(list(means.values())[::-1])[::-1][:inside]
+    if not inside:
+        return 0.0
+    return float(_BAND * fading.sum() + max(depth / 2 - _BAND * inside, 0) * fading[0])
+
+
+def _again(tiles: Sequence[TileJob], spoilt: Mapping[Window, float]) -> list[TileJob]:
+    """The tiles that are spoilt, to be done again with the paths of their neighbours, if that may help."""
     places = _places(tiles)
     found = []
     for (column, row), job in places.items():
-        if job.core not in disputed or job.round == _ROUNDS:
+        if spoilt[job.core] <= _SPOILT * prod(job.core[2:]) or job.round == _ROUNDS:
             continue
         sources: dict[Side, str] = {}
         for side in job.entries:
