@@ -5,7 +5,7 @@
     python benchmarks/scale.py video [--frames 8] [--size 96] [--views 5] [--seeds 3] [--effort fast]
     python benchmarks/scale.py batch [--scenes 40] [--size 256]
     python benchmarks/scale.py tiles SCENES... [--size 256] [--tile 128] [--halos 16 32 48 64]
-    python benchmarks/scale.py size [--sides 1024 2048 4096] [--views 9] [--memory 2e9]
+    python benchmarks/scale.py size [--sides 1024 2048 4096] [--views 9] [--memory 2e9] [--folder scale-size]
 
 `views`: bad pixels of all views of procedural scenes against the truth of each, and whether maps agree.
 `cost`: time and memory of the maps of all views of a light field, such as the benchmark's cotton, beside
@@ -17,6 +17,7 @@ from whole ones, by the halo. `size`: time and memory of maps by tiles as fields
 from __future__ import annotations
 
 import argparse
+import json
 import multiprocessing
 import resource
 import shutil
@@ -155,44 +156,75 @@ def tiles(names: list[str], size: int, tile: int, halos: list[int]) -> None:
     print(Table.of(heads, rows).to_markdown())
 
 
+PIECE = 512
+
+
 def _made(path: Path, side: int, count: int) -> None:
-    """A field as large as memory allows to make, written as Zarr a view at a time: a scene beside itself."""
+    """A field of any size, written as Zarr without compression: a scene beside itself, piece by piece."""
     import zarr
 
-    piece = scenes.render("demo", size=512, views=count)
-    repeats = -(-side // 512)
+    piece = scenes.render("demo", size=PIECE, views=count).views
+    making = path.with_suffix(".making")
+    shutil.rmtree(making, ignore_errors=True)
     array = zarr.create_array(
-        str(path),
+        str(making),
         shape=(count, count, side, side, 3),
-        chunks=(1, 1, 512, 512, 3),
+        chunks=(1, 1, PIECE, PIECE, 3),
         dtype="uint8",
+        compressors=None,
         zarr_format=2,
     )
-    for v, u in np.ndindex(count, count):
-        array[v, u] = np.tile(piece.views[v, u], (repeats, repeats, 1))[:side, :side]
+    corners = range(0, side, PIECE)
+    for v, u, y, x in product(range(count), range(count), corners, corners):
+        array[v, u, y : y + PIECE, x : x + PIECE] = piece[v, u, : side - y, : side - x]
+    making.rename(path)
 
 
-def _tiled(path: Path, out: Path, memory: float) -> tuple[float, float, float, int, int, int]:
-    lfdepth.estimate(
-        lfdepth.read(path, crop=(0, 0, 64, 64)), range=(-1.4, 1.9), effort="fast"
-    )  # loads kernels
-    wall, cpu, done = _timed(
-        partial(estimate_tiled, path, out, memory=memory, range=(-1.4, 1.9), effort="fast")
-    )
-    return wall, cpu, peak(), done.tiles, done.again, done.tile
+def _tiled(path: Path, out: Path, memory: float, diary: Path) -> dict[str, Any]:
+    """What a map by tiles takes; if it was interrupted before, with what it had taken by its last tile."""
+    settings: dict[str, Any] = {"range": (-1.4, 1.9), "effort": "fast"}
+    lfdepth.estimate(lfdepth.read(path, crop=(0, 0, 64, 64)), **settings)  # loads kernels
+    spent = json.loads(diary.read_text()) if diary.exists() else {"wall": 0.0, "cpu": 0.0, "peak": 0.0}
+    since = time.perf_counter(), time.process_time()
+
+    def taken() -> dict[str, float]:
+        return {
+            "wall": spent["wall"] + time.perf_counter() - since[0],
+            "cpu": spent["cpu"] + time.process_time() - since[1],
+            "peak": max(spent["peak"], peak()),
+        }
+
+    def note(done: int, total: int, what: str) -> None:
+        now = taken()
+        diary.write_text(json.dumps(now))
+        print(f"{what} {done} of {total}: {now}", flush=True)
+
+    done = estimate_tiled(path, out, memory=memory, progress=note, **settings)
+    facts = {"tile": done.tile, "tiles": done.tiles, "again": done.again, "off": done.off}
+    return {**taken(), **facts}
 
 
-def size(sides: list[int], count: int, memory: float) -> None:
+def size(sides: list[int], count: int, memory: float, folder: Path) -> None:
+    """Rows that are in the folder are not measured again, and what was interrupted goes on."""
+    folder.mkdir(parents=True, exist_ok=True)
     rows = []
-    with tempfile.TemporaryDirectory() as folder:
-        for side in sides:
-            path = Path(folder) / f"{side}.zarr"
-            in_process(_made, path, side, count)
-            wall, cpu, most, number, again, tile = in_process(_tiled, path, Path(folder) / "map.zarr", memory)
-            stored, area = count * count * side * side * 3 / 1e9, side**2 / 1e6
-            rows.append((side, stored, tile, number, again, wall, wall / area, cpu / area, most))
-            print(*rows[-1], flush=True)
+    for side in sides:
+        name = f"{side}-{count}-{memory:g}"
+        row = folder / f"{name}.json"
+        if not row.exists():
+            path, out, diary = (folder / f"{name}{ending}" for ending in (".zarr", "-map.zarr", ".diary"))
+            if not path.exists():
+                in_process(_made, path, side, count)
+            print(f"{side} px: written", flush=True)
+            row.write_text(json.dumps(in_process(_tiled, path, out, memory, diary)))
             shutil.rmtree(path)
+            shutil.rmtree(out)
+            diary.unlink()
+        found, area = json.loads(row.read_text()), side**2 / 1e6
+        stored = count * count * side * side * 3 / 1e9
+        several = [found["wall"], found["wall"] / area, found["cpu"] / area, found["peak"]]
+        rows.append((side, stored, found["tile"], found["tiles"], found["again"], *several))
+        print(*rows[-1], flush=True)
     heads: list[str | Column] = [
         Column("side", unit="px"),
         Column("views", unit="GB"),
@@ -320,6 +352,7 @@ if __name__ == "__main__":
     each.add_argument("--sides", type=int, nargs="+", default=[1024, 2048, 4096])
     each.add_argument("--views", type=int, default=9)
     each.add_argument("--memory", type=float, default=2e9)
+    each.add_argument("--folder", type=Path, default=Path("scale-size"), help="for what is resumed")
     chosen = parser.parse_args()
     if chosen.command == "views":
         views(chosen.scenes, chosen.size, chosen.apart)
@@ -330,6 +363,6 @@ if __name__ == "__main__":
     elif chosen.command == "video":
         video(chosen.frames, chosen.size, chosen.views, chosen.seeds, chosen.effort)
     elif chosen.command == "size":
-        size(chosen.sides, chosen.views, chosen.memory)
+        size(chosen.sides, chosen.views, chosen.memory, chosen.folder)
     else:
         batch(chosen.scenes, chosen.size)

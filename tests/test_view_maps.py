@@ -17,6 +17,7 @@ from lfdepth.errors import LightFieldError
 from lfdepth.io import read_disparity
 from lfdepth.lightfield import LightField
 from lfdepth.result import ViewMaps
+from lfdepth.scale import look as scale_look
 from lfdepth.scale import views as scale_views
 from lfdepth.scale.views import consistency, estimate_views, outermost_views
 
@@ -198,6 +199,20 @@ def test_all_views_from_the_command_line(saved: Path, capsys: pytest.CaptureFixt
     assert main(words) == 0
     assert "of the pixels hold in the views they were compared with" in capsys.readouterr().out
     assert np.load(out)["disparity"].shape == (3, 3, 48, 48)
+
+
+def test_maps_that_do_not_fit_are_refused_before_views_are_read(
+    saved: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """17x17 views of 2048x2048 px in 8 bits: 289 · 2048² · 23 bytes are 28 GB, with the views themselves."""
+    shape = (17, 17, 2048, 2048, 3)
+    monkeypatch.setattr(scale_look, "look", lambda *_: scale_look.Look(shape, 1, None, None))
+    monkeypatch.setattr(scale_views, "available_memory", lambda: 27_000_000_000)
+    monkeypatch.setattr(lfdepth, "read", lambda *_, **__: pytest.fail("views were read"))
+    assert main(["estimate", str(saved), "-o", str(saved.with_name("all.zarr")), "--all-views"]) == 2
+    error = capsys.readouterr().err.splitlines()
+    assert len(error) == 1
+    assert "maps of all 289 views need 28 GB, 27 GB are free; expected enough memory; use --crop" in error[0]
 
 
 def test_one_view_from_the_command_line(saved: Path) -> None:

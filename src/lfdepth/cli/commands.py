@@ -175,6 +175,8 @@ def estimate(
         "engine": engine,
         "equalise": equalise == "auto",
     }
+    if all_views and not force:
+        _check_all_fit(scene, reading)
     progress = Progress()
     with KernelsAhead(chosen, engine, progress.note_compilation) as kernels:
         lf = reading.read(scene)
@@ -622,6 +624,15 @@ def _check_all_views(quantity: Quantity, mesh: bool) -> None:
     if quantity != "disparity" or mesh:
         option = "--mesh" if mesh else "--quantity"
         raise LightFieldError(f"{option}: found with --all-views; expected it with one map; leave one out")
+
+
+def _check_all_fit(scene: Path, reading: Reading) -> None:
+    """Raise LightFieldError, before views are read, where the maps of all of them will not fit in memory."""
+    from lfdepth.scale.look import look
+    from lfdepth.scale.views import check_memory
+
+    seen = look(scene, reading.given())
+    check_memory(str(scene), seen.shape, seen.itemsize, views=True)
 
 
 def _check_output(output: Path, lf: LightField, quantity: Quantity, mesh: bool) -> None:

@@ -122,8 +122,8 @@ def tiled_text(facts: Facts) -> str:
             "scene": f"{facts['scene']}, {_shape_text(facts['shape'])}",
             "range": _range_text(facts["range"]),
             "tiles": f"{facts['tiles']} of {facts['tile_px']} px with {facts['halo_px']} around{done}",
-            "borders": f"tiles differ by more than 0.02 px on {apart} of the pixels there, about {off} of the "
-            "map may be wrong by as much",
+            "borders": f"tiles differ by more than 0.02 px on {apart} of the pixels there, "
+            f"and about {off} of all may be as wrong",
             "time": f"{facts['runtime_s']:.2f} s",
             "written": ", ".join(facts["written"]),
         }

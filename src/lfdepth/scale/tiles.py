@@ -17,7 +17,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from math import ceil, prod
 from pathlib import Path
 from typing import Any
@@ -59,11 +59,12 @@ MOST_OFF = 0.001
 ENDINGS = (".zarr", ".tif", ".tiff", ".npy")
 """Formats that are written tile by tile."""
 _SHRUNK = 512  # px, the shorter side of what range and brightness are found on
+_AT_ONCE = 6  # views that reading holds before they are shrunk, at most
 _SAMPLE = 512  # px, side of the window on which noise is measured
 _FIVE = 320, 224, 160, 96  # px, sides that five windows may have, on which a method measures what it takes
 _SMALLEST, _LARGEST, _MULTIPLE = 32, 4096, 32  # px, sides of tiles
 _PROCESS = 350_000_000  # bytes of an interpreter with its libraries and kernels
-_PROBE, _EQUALISATION = "probe.npz", "equalisation_"
+_PROBE, _EQUALISATION, _MEASURED = "probe.npz", "equalisation_", "measured.json"
 _BORDER, _PATHS = "border_", "paths_"
 """What the names of arrays in a tile's file begin with: its map at its borders, and paths that leave it."""
 _ROUNDS = 3
@@ -72,6 +73,8 @@ _SEAM = 4
 """Px on either side of a border that are told of as apart."""
 _OVERLAP, _BAND = 24, 8
 """Px on either side of a border that are compared, and width of the bands in which they are counted."""
+_DOUBTFUL = SEAM_APART / 2
+"""Px per view step from which on a difference counts for how far it reaches: both tiles may lack the same."""
 _SPOILT = MOST_OFF / 2
 """Share of a tile that may be wrong, by what its borders tell, before the tile is done again."""
 _LATTICE = 24
@@ -284,6 +287,9 @@ def estimate_tiled(
         job = replace(job, settings=settings | {"range": list(probe.range)})
         side = tile or _largest_tile(job, seen, probe, halo, memory)
         tiles = _tiles(job, seen, probe, side, halo)
+        if len(tiles) > 1:
+            with alone(folder, _MEASURED):
+                _measure(job, seen, probe, memory)
         there = sum(each.is_done() for each in tiles)
         total, again = len(tiles), 0
         todo: Sequence[TileJob] = tiles
@@ -336,13 +342,12 @@ def check_tiled_writable(out: Path) -> None:
 
 @dataclass(frozen=True, eq=False)
 class _Probe:
-    """What all tiles are told: range, brightness, noise, the value of white, and what the method measured."""
+    """What all tiles are told: range, brightness, noise, and the value of white."""
 
     range: tuple[float, float]
     equalisation: Equalisation | None
     noise: Residual
     white: float | None
-    measured: Measured | None = None
 
 
 def _seen(job: Job) -> Look:
@@ -383,13 +388,32 @@ def _probe(job: Job, seen: Look, given: tuple[float, float] | None, memory: floa
         planes, size = chosen.planes_for(given), seen.shape[2:4]
         middle = _even_window(job, _around((size[0] // 2, size[1] // 2), size, _SAMPLE), path, first, size)
         probe = replace(first, noise=residual(middle, planes, engine=engine))
-        samples = (
-            Problem(_even_window(job, window, path, probe, size), given, planes, probe.noise)
-            for window in _samples(job, seen, probe, memory)
-        )
-        probe = replace(probe, measured=chosen.measure(samples, Work(engine, Trace())))
     _remember(file, probe, wanted)
     return probe
+
+
+def _measure(job: Job, seen: Look, probe: _Probe, memory: float) -> None:
+    """Remember in a file what the method takes from the whole field."""
+    file = Path(job.folder) / _MEASURED
+    if file.exists():
+        return
+    chosen = job.chosen()
+    planes = chosen.planes_for(probe.range)
+    with at_hand(job.scene) as path, start_engine(job.settings["engine"], threads=job.threads) as engine:
+        samples = (
+            Problem(_even_window(job, window, path, probe, seen.shape[2:4]), probe.range, planes, probe.noise)
+            for window in _samples(job, seen, probe, memory)
+        )
+        measured = chosen.measure(samples, Work(engine, Trace()))
+    with atomic(file) as temporary:
+        temporary.write_text(json.dumps(measured and asdict(measured)), encoding="utf-8")
+
+
+def _measured(folder: Path) -> Measured | None:
+    """What the method takes from the whole field, where there is more than one tile."""
+    file = folder / _MEASURED
+    found = json.loads(file.read_text(encoding="utf-8")) if file.exists() else None
+    return found and Measured(found["exponent"], tuple(found["typical"]))
 
 
 def _even_window(job: Job, window: Window, path: Path, probe: _Probe, size: tuple[int, int]) -> LightField:
@@ -417,7 +441,8 @@ def _shrunken(job: Job, seen: Look, path: Path, memory: float) -> tuple[LightFie
     """The whole field at a size that a first look needs, put together from bands of rows; its scale."""
     height, width = seen.shape[2:4]
     factor = max(1, min(height, width) // _SHRUNK)
-    row_bytes = prod(seen.shape[:2]) * width * seen.shape[4] * (seen.itemsize + 4)
+    # Views shrink one by one as they are read: no more are there in full than threads read.
+    row_bytes = _AT_ONCE * width * (seen.shape[4] * seen.itemsize + 8)
     rows = max(int(memory / 4 / row_bytes) // factor * factor, factor)
     bands = [
         _read_window(
@@ -441,7 +466,6 @@ def _around(place: tuple[int, int], size: tuple[int, int], side: int) -> Window:
 
 def _remember(file: Path, probe: _Probe, made_of: str) -> None:
     arrays = {} if probe.equalisation is None else probe.equalisation.arrays()
-    known = probe.measured
     with atomic(file) as temporary:
         np.savez(
             temporary,
@@ -450,7 +474,6 @@ def _remember(file: Path, probe: _Probe, made_of: str) -> None:
             ends=np.asarray(probe.range),
             noise=np.asarray(probe.noise),
             white=np.asarray(np.nan if probe.white is None else probe.white),
-            measured=np.asarray([] if known is None else [known.exponent, *known.typical]),
             **{f"{_EQUALISATION}{key}": value for key, value in arrays.items()},
         )
 
@@ -473,9 +496,7 @@ def _remembered(file: Path, made_of: str | None) -> _Probe | None:
         equal = Equalisation.of_arrays(parts) if parts else None
         low, high = found["ends"].tolist()
         white, noise = float(found["white"]), Residual(*found["noise"].tolist())
-        known = found["measured"].tolist()
-        measured = Measured(known[0], tuple(known[1:])) if known else None
-        return _Probe((low, high), equal, noise, None if np.isnan(white) else white, measured)
+        return _Probe((low, high), equal, noise, None if np.isnan(white) else white)
 
 
 # --- tiles
@@ -595,12 +616,12 @@ def _compared(tiles: Sequence[TileJob]) -> _Seams:
             right, down = _NEIGHBOURS[side]
             other = places[column + right, row + down]
             with np.load(job.target) as one, np.load(other.target) as two:
-                difference = np.abs(one[f"{_BORDER}{side}"] - two[f"{_BORDER}{_OPPOSITE[side]}"]) > SEAM_APART
+                difference = np.abs(one[f"{_BORDER}{side}"] - two[f"{_BORDER}{_OPPOSITE[side]}"])
             lines = difference.T if axis == 0 else difference
             begin = job.seams[side][axis] - other.core[axis]  # of the lines, counted from the border
-            near = lines[max(-_SEAM - begin, 0) : _SEAM - begin]
+            near = lines[max(-_SEAM - begin, 0) : _SEAM - begin] > SEAM_APART
             pixels, apart = pixels + near.size, apart + int(near.sum())
-            counts = lines.sum(axis=1)
+            counts = (lines > _DOUBTFUL).sum(axis=1)
             spoilt[job.core] += _spoilt(counts, begin, job.core[2 + axis])
             spoilt[other.core] += _spoilt(counts[::-1], -begin - len(counts), other.core[2 + axis])
     return _Seams(apart / max(pixels, 1), spoilt)
@@ -711,7 +732,8 @@ def _done(job: Job) -> Outcome:
     check_room(job, chosen.memory(lf.shape, planes, lf.views.itemsize))
     borders = PathBorders({side: job.entries[side] for side in job.sources}, job.exits, _entering(job))
     with start_engine(job.settings["engine"], threads=job.threads) as engine:
-        problem = Problem(lf, probe.range, planes, probe.noise, probe.measured, borders)
+        measured = _measured(Path(job.folder))
+        problem = Problem(lf, probe.range, planes, probe.noise, measured, borders)
         maps = chosen.run(problem, Work(engine, Trace()))
     disparity = np.clip(maps.disparity, *probe.range).astype(np.float32)
     inner = _slices(_within(job.core, job.window))

@@ -94,7 +94,7 @@ def estimate_views(
     chosen = named_method(method, **options)
     chosen.check(lf.shape)
     if not force:
-        _check_memory(lf)
+        check_memory(lf.name, lf.shape, lf.views.itemsize, views=False)
     places = outermost_views(lf)
     steps = _Steps(progress, 1 + len(places) + 4 * int(lf.available.sum()))
     settings: dict[str, Any] = {"engine": engine, "threads": threads, "force": force}
@@ -353,15 +353,28 @@ def _held(
     return engine.agree(maps, index, numbers, steps, tolerance=_APART)
 
 
-def _check_memory(lf: LightField) -> None:
-    """Raise LightFieldError where the maps do not fit in what is free."""
+def check_memory(name: str, shape: tuple[int, ...], itemsize: int, *, views: bool) -> None:
+    """Raise LightFieldError where the maps of all views do not fit in what is free.
+
+    Parameters
+    ----------
+    name
+        What the light field is called.
+    shape
+        (V, U, H, W, C).
+    itemsize
+        Bytes of a sample.
+    views
+        Whether the views have to be read as well.
+    """
     free = available_memory()
-    v, u, height, width, channels = lf.shape
+    v, u, height, width, channels = shape
     # Disparity twice, confidence, visibility; and the views once more, around the outermost one.
-    needed = v * u * height * width * (13 + _SPARE + channels * lf.views.itemsize)
+    samples = channels * itemsize * (2 if views else 1)
+    needed = v * u * height * width * (13 + _SPARE + samples)
     if free is not None and needed > free:
         raise LightFieldError(
-            f"{lf.name}: maps of all {v * u} views need {size_text(needed)}, {size_text(free)} are free; "
+            f"{name}: maps of all {v * u} views need {size_text(needed)}, {size_text(free)} are free; "
             "expected enough memory; use --crop, --scale or --views, or --force (force=True in Python) to "
             "try anyway"
         )
