@@ -269,7 +269,8 @@ def test_tiles_on_a_cluster_from_the_command_line(
     """A worker of a scheduler makes the same map, to the last byte, as this process."""
     pytest.importorskip("distributed")
     alone, shared = tmp_path / "alone.npy", tmp_path / "shared.npy"
-    common = ["estimate", str(saved), "--memory", "355MB", "--halo", "16", "--effort", "fast", "--json"]
+    common = ["estimate", str(saved), "--memory", "352MB", "--halo", "16", "--method", "fbs-sfa", "--json"]
+    common += ["--step", "0.14"]
     assert main([*common, "-o", str(alone), "--workers", "1", "--threads", "1"]) == 0
     one = json.loads(capsys.readouterr().out)
     with Cluster(tmp_path) as cluster:
