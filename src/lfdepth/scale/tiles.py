@@ -55,7 +55,8 @@ HALO = 48
 SEAM_APART = 0.02
 """Px per view step from which on two tiles say something different."""
 MOST_OFF = 0.001
-"""Share of a map's pixels that may be wrong by as much, by what borders tell, before there is a warning."""
+"""Share of a tile's pixels that may be wrong by as much, by what its borders tell, before it is done again; and
+of all in the end, before there is a warning."""
 ENDINGS = (".zarr", ".tif", ".tiff", ".npy")
 """Formats that are written tile by tile."""
 _SHRUNK = 512  # px, the shorter side of what range and brightness are found on
@@ -75,8 +76,6 @@ _OVERLAP, _BAND = 24, 8
 """Px on either side of a border that are compared, and width of the bands in which they are counted."""
 _DOUBTFUL = SEAM_APART / 2
 """Px per view step from which on a difference counts for how far it reaches: both tiles may lack the same."""
-_SPOILT = MOST_OFF / 2
-"""Share of a tile that may be wrong, by what its borders tell, before the tile is done again."""
 _LATTICE = 24
 """Px of which the corner of a window is a multiple, so that fits at every second, eighth or twelfth pixel are
 at the same ones in all windows."""
@@ -644,8 +643,7 @@ def _spoilt(counts: NDArray[np.int64], begin: int, depth: int) -> float:
         Px across the tile.
     """
     bands = (np.arange(len(counts)) + begin) // _BAND
-    # Farther out than two bands, what both tiles lack may make them alike.
-    means = {band: float(counts[bands == band].mean()) for band in np.unique(bands).tolist() if band < 2}
+    means = {band: float(counts[bands == band].mean()) for band in np.unique(bands).tolist()}
     inside = sum(band < 0 for band in means)
     fading = np.minimum.accumulate(list(means.values())[::-1])[::-1][:inside]
     if not inside:
@@ -658,7 +656,7 @@ def _again(tiles: Sequence[TileJob], spoilt: Mapping[Window, float]) -> list[Til
     places = _places(tiles)
     found = []
     for (column, row), job in places.items():
-        if spoilt[job.core] <= _SPOILT * prod(job.core[2:]) or job.round == _ROUNDS:
+        if spoilt[job.core] <= MOST_OFF * prod(job.core[2:]) or job.round == _ROUNDS:
             continue
         sources: dict[Side, str] = {}
         for side in job.entries:
