@@ -67,6 +67,22 @@ def test_without_a_halo_seams_show_and_are_told(saved: Path) -> None:
     assert "allow more memory" in done.warnings[0]
 
 
+@pytest.mark.parametrize(
+    ("shares", "expected"),
+    [
+        ((0, 0, 0, 0.2, 0.5, 0.8), 0),  # the tile ends, and all is well inside
+        ((0, 0, 0.1, 0.2, 0.5, 0.8), 8 * 0.1),
+        ((0.8, 0.5, 0.2, 0, 0, 0), 0),  # the neighbour's window ends
+        ((0.3, 0.3, 0.3, 0.3, 0.3, 0.3), 0.3 * 64),  # on and on, to the middle
+        ((0.2, 0.5, 0.4, 0.6, 0.3, 0.9), 0.2 * 48 + 8 * (0.3 + 0.3)),
+    ],
+)
+def test_errors_fade_from_where_a_window_ends(shares: tuple[float, ...], expected: float) -> None:
+    """Of a border of 1000 px, in a tile of 128 px across: the least share from each band outwards."""
+    counts = np.repeat(1000 * np.array(shares), 8).astype(np.int64)
+    assert tiles._spoilt(counts, -24, 128) == pytest.approx(1000 * expected)
+
+
 def plain_walls() -> LightField:
     """A wall, of which only noise is seen over half of the width: paths decide."""
     rng = np.random.default_rng(3)

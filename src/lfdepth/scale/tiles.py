@@ -55,8 +55,8 @@ HALO = 48
 SEAM_APART = 0.02
 """Px per view step from which on two tiles say something different."""
 MOST_OFF = 0.001
-"""Share of a tile's pixels that may be wrong by as much, by what its borders tell, before it is done again; and
-of all in the end, before there is a warning."""
+"""Share of a tile's pixels that may be wrong by as much, by what its borders tell, before it is done again;
+and of all in the end, before there is a warning."""
 ENDINGS = (".zarr", ".tif", ".tiff", ".npy")
 """Formats that are written tile by tile."""
 _SHRUNK = 512  # px, the shorter side of what range and brightness are found on
