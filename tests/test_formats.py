@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from lfdepth.errors import LightFieldError
-from lfdepth.io import read
+from lfdepth.io import read, write
 
 Views = npt.NDArray[Any]
 KEEP_FOLDER = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=25)
@@ -301,8 +301,20 @@ def test_arrays_that_are_no_light_field(tmp_path: Path, array: Views, message: s
 
 def test_wrong_grid_for_an_array_that_has_one(tmp_path: Path) -> None:
     np.save(tmp_path / "lf.npy", VIEWS)
-    with pytest.raises(LightFieldError, match="a grid of 5x3; expected 3x5 as asked for"):
-        read(tmp_path / "lf.npy", grid=(5, 3))
+    with pytest.raises(LightFieldError, match="a grid of 5x3; expected 4x4 as asked for"):
+        read(tmp_path / "lf.npy", grid=(4, 4))
+
+
+def test_another_grid_for_an_array_that_has_one(tmp_path: Path) -> None:
+    """A count that fits decides: the views are those of the file, row by row."""
+    truth = np.random.default_rng(0).normal(0, 1, VIEWS.shape[:4]).astype(np.float32)
+    np.savez(tmp_path / "lf.npz", LF=VIEWS, disp=truth)
+    lf = read(tmp_path / "lf.npz", grid=(5, 3))
+    np.testing.assert_array_equal(lf.views, VIEWS.reshape(5, 3, *VIEWS.shape[2:]))
+    np.testing.assert_array_equal(lf.truth, truth.reshape(15, *truth.shape[2:])[2 * 3 + 1])
+    write(tmp_path / "own.npz", lf)  # this one states its grid, and masks and cameras in it
+    with pytest.raises(LightFieldError, match="a grid of 3x5; expected 5x3 as asked for"):
+        read(tmp_path / "own.npz", grid=(3, 5))
 
 
 @pytest.mark.parametrize("save_npz", [np.savez, np.savez_compressed])

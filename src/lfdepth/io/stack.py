@@ -166,15 +166,20 @@ def open_stack(
     _check_samples(array.dtype, path)
     lengths = dict(zip(axes, array.shape, strict=True))
     numbered = "N" in lengths
-    grid = Layout(layout.grid).of_count(lengths["N"], str(path)) if numbered else (lengths["V"], lengths["U"])
-    if not numbered and layout.grid not in (None, grid):
+    stored = None if numbered else (lengths["V"], lengths["U"])
+    grid = layout.grid or stored
+    if stored is None or grid is None:
+        grid = Layout(layout.grid).of_count(lengths["N"], str(path))
+    elif grid != stored and (notes is not None or grid[0] * grid[1] != stored[0] * stored[1]):
         raise LightFieldError(
-            f"{path}: a grid of {size(grid)}; expected {size(layout.grid or grid)} as asked for; "
+            f"{path}: a grid of {size(stored)}; expected {size(grid)} as asked for; "
             "change the grid or leave it out"
         )
 
     def read_part(v: int, u: int, rows: slice, columns: slice) -> npt.NDArray[Any]:
-        at = {"N": v * grid[1] + u, "V": v, "U": u, "H": rows, "W": columns}
+        number = v * grid[1] + u
+        row, column = divmod(number, stored[1]) if stored else (v, u)
+        at = {"N": number, "V": row, "U": column, "H": rows, "W": columns}
         with readable(path):
             view = np.asarray(array[tuple(at.get(axis, slice(None)) for axis in axes)])
         samples = _as_samples(_as_hwc(view, axes)[..., :channels])
@@ -271,8 +276,9 @@ def _with_truth(source: ViewSource, arrays: Mapping[str, Array], name: str, axes
             continue
         for order in (axes.replace("C", ""), "".join(axis for axis in axes if axis in "HW")):
             if array.shape == tuple(lengths[axis] for axis in order):
-                v, u = source.grid
-                at = {"V": v // 2, "U": u // 2, "N": v // 2 * u + u // 2}
+                number = source.grid[0] // 2 * source.grid[1] + source.grid[1] // 2
+                row, column = divmod(number, lengths.get("U", 1))
+                at = {"V": row, "U": column, "N": number}
                 values = np.asarray(array[tuple(at.get(axis, slice(None)) for axis in order)])
                 upright = values if order.index("H") < order.index("W") else values.T
                 truth = checked_map(np.ascontiguousarray(upright), f"{source.name}: {other}", finite=False)

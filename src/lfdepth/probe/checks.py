@@ -18,8 +18,9 @@ from lfdepth.probe.geometry import (
     measure_aspect,
     off_grid_at,
     textured_points,
+    with_aspect,
 )
-from lfdepth.probe.order import check_orientation
+from lfdepth.probe.order import check_orientation, find_grid
 from lfdepth.probe.ranges import margin
 
 if TYPE_CHECKING:
@@ -45,6 +46,8 @@ _BESIDE = 0.5
 # Confidence below which there is no evidence, and above which positions of views are measured.
 _NO_EVIDENCE, _SURE = 0.2, 0.5
 _COMPARED = 500
+# Of clean scenes with little texture, fewer views may be in place; with more, none are on another grid.
+_ALL_IN_PLACE = 0.9
 # Only where fewer points disagree does a map tell where views stand.
 _GOOD_MAP = 0.25
 
@@ -73,6 +76,11 @@ class Checks:
         Brightest sample of all views, of full scale.
     order_wrong
         Whether the views are in another order; looked at where rows and columns share no disparities.
+    grid
+        (V, U), the grid that the views were taken on, if it is another one; looked for where the views
+        contradict the map.
+    aspect_helps
+        Whether the views are in place if `aspect` is taken into account; looked at where it is not 1.
     suspected
         How far the brightness of views seems to differ, of their level, where they are too small to
         equalise; otherwise 0.
@@ -89,6 +97,8 @@ class Checks:
     in_place: float
     brightest: float
     order_wrong: bool = False
+    grid: tuple[int, int] | None = None
+    aspect_helps: bool = False
     suspected: float = 0.0
     warnings: tuple[str, ...] = ()
 
@@ -102,6 +112,7 @@ def check_map(
     disparity: NDArray[np.float32],
     confidence: NDArray[np.float32],
     *,
+    as_read: LightField | None = None,
     engine: Engine | None = None,
 ) -> Checks:
     """Check a map against the views that it was estimated from.
@@ -112,6 +123,9 @@ def check_map(
         The light field as the method saw it, and its range.
     disparity, confidence
         (H, W) maps.
+    as_read
+        The light field before anything was done to its views, which shows better on which grid they were
+        taken; by default, the same.
     engine
         Engine to use instead of the default one.
     """
@@ -134,10 +148,33 @@ def check_map(
         brightest=float(lf.views.max() / lf.full_scale),
         suspected=shades.suspected,
     )
+    with using(engine) as used:
+        found = _with_order(found, lf, as_read or lf, range, used)
+    return replace(found, warnings=tuple(_warnings(found, range, prepared.range_found)))
+
+
+def _with_order(
+    found: Checks, lf: LightField, as_read: LightField, range: tuple[float, float], engine: Engine
+) -> Checks:
+    """The same with what the order of the views and their grid say, where there is reason to ask."""
+    uneven_steps = found.aspect is not None and abs(found.aspect - 1) > NOTABLE_ASPECT
+    doubtful = found.in_place < _ALL_IN_PLACE or uneven_steps or _warnings(found, range, range_found=True)
+    if doubtful and (other := find_grid(as_read, engine)):
+        return replace(found, grid=other.grid)
+    if uneven_steps and lf.positions is None:
+        assert found.aspect is not None
+        found = replace(found, aspect_helps=_is_in_order(with_aspect(lf, found.aspect), engine))
+    elif uneven_steps:
+        found = replace(found, aspect_helps=True)
     if min(lf.shape[:2]) > 1 and found.aspect is None:
         # Where the views are in order, their row and their column nearly always share their disparities.
         found = replace(found, order_wrong=check_orientation(lf, engine=engine).wrong)
-    return replace(found, warnings=tuple(_warnings(found, range, prepared.range_found)))
+    return found
+
+
+def _is_in_order(lf: LightField, engine: Engine) -> bool:
+    found = check_orientation(lf, engine=engine)
+    return found.order_decided and not found.wrong
 
 
 def _in_place(
@@ -182,6 +219,8 @@ def _warnings(found: Checks, range: tuple[float, float], range_found: bool) -> l
             f"the brightest sample of all views is at {100 * found.brightest:.2g} % of white; where samples "
             "fill only part of their type, say so with --white-level N (white_level=N in Python)"
         )
+    if found.grid is not None:
+        return [*words, _grid_words(found.grid)]  # all else may follow from it
     if found.at_ends > _BESIDE:
         words.append(ends)
     if found.order_wrong:
@@ -207,6 +246,13 @@ def _warnings(found: Checks, range: tuple[float, float], range_found: bool) -> l
     return words
 
 
+def _grid_words(grid: tuple[int, int]) -> str:
+    return (
+        f"views were taken on another grid than they are read with, of {grid[1]} columns and {grid[0]} rows; "
+        "run lfdepth info (lfdepth.check_orientation in Python) to see which options fix it"
+    )
+
+
 def _measured(found: Checks) -> list[str]:
     """What was measured in the views, and what makes up for it."""
     words = []
@@ -220,7 +266,7 @@ def _measured(found: Checks) -> list[str]:
             f"brightness seems to differ between views by {100 * found.suspected:.0f} %, which are too small "
             "to equalise (under 64 px); use larger views, or equalise them beforehand"
         )
-    if found.aspect is not None and abs(found.aspect - 1) > NOTABLE_ASPECT:
+    if found.aspect_helps:
         words.append(
             f"the vertical step between views is {found.aspect:.2f} of the horizontal step; use "
             f"--aspect {found.aspect:.2f} (lfdepth.with_aspect in Python)"
