@@ -20,6 +20,7 @@ from lfdepth.io.limits import unreadable as unreadable
 from lfdepth.io.notes import KEY, Notes, parse_notes
 from lfdepth.io.record import checked_map
 from lfdepth.io.source import ViewSource
+from lfdepth.io.white import whole_samples
 
 # What light field arrays are called, the likeliest first.
 NAMES = ("LF", "lf", "views", "light_field", "lightfield", "lightField", "LightField")
@@ -152,7 +153,7 @@ def open_stack(
     ------
     LightFieldError
         If the array is not the one that the notes are about, no order of axes fits, or the samples are
-        neither 8-bit, 16-bit nor float.
+        neither whole numbers nor float.
     """
     if notes is not None:
         _check_notes(array.shape, notes, path)
@@ -182,7 +183,7 @@ def open_stack(
         at = {"N": number, "V": row, "U": column, "H": rows, "W": columns}
         with readable(path):
             view = np.asarray(array[tuple(at.get(axis, slice(None)) for axis in axes)])
-        samples = _as_samples(_as_hwc(view, axes)[..., :channels])
+        samples = _as_samples(_as_hwc(view, axes)[..., :channels], f"{path}: view ({v}, {u})")
         return without_alpha(samples, f"{path}: view ({v}, {u})") if samples.shape[2] == _ALPHA else samples
 
     return ViewSource(
@@ -294,10 +295,10 @@ def _as_hwc(view: npt.NDArray[Any], axes: str) -> npt.NDArray[Any]:
 
 
 def _check_samples(dtype: np.dtype[Any], path: Path) -> None:
-    if dtype.newbyteorder("=") not in (np.uint8, np.uint16) and dtype.kind != "f":
-        raise LightFieldError(f"{path}: samples are {dtype}; expected uint8, uint16 or float; convert them")
+    if dtype.kind not in "uif":
+        raise LightFieldError(f"{path}: samples are {dtype}; expected whole numbers or float; convert them")
 
 
-def _as_samples(view: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Native byte order, and float32 for any float."""
-    return view.astype(np.float32 if view.dtype.kind == "f" else view.dtype.newbyteorder("="), copy=False)
+def _as_samples(view: npt.NDArray[Any], what: str) -> npt.NDArray[Any]:
+    """Native byte order; float32 for any float, 8 or 16 bits for whole numbers."""
+    return view.astype(np.float32, copy=False) if view.dtype.kind == "f" else whole_samples(view, what)
