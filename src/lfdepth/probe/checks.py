@@ -37,6 +37,10 @@ LEAST_IN_PLACE, LEAST_BRIGHTEST = 0.25, 0.27
 
 # How far from a point the typical view shows something else, as a share of the contrast around it.
 _DISAGREEING = 0.5
+# Fewer textured points tell nothing: a defective pixel of the sensor makes as many.
+_FEWEST = 200
+# Of the samples of the reference view, the share that is not defective pixels and glints.
+_ALL_BUT_GLINTS = 0.999
 # Px per view step that belong to an end of the range; of it, at most.
 _END, _END_SHARE = 0.05, 0.02
 # Share of the points there that has to disagree, where the range was found in the views.
@@ -73,7 +77,7 @@ class Checks:
     in_place
         Share of the views that show what the reference view shows; 0 where that repeats along the grid.
     brightest
-        Brightest sample of all views, of full scale.
+        What 99.9 % of the samples of the reference view do not exceed, of full scale.
     order_wrong
         Whether the views are in another order; looked at where rows and columns share no disparities.
     grid
@@ -138,14 +142,14 @@ def check_map(
     with using(engine) as used:
         off_grid, in_place = off_grid_at(lf, sure, used), _in_place(lf, disparity, sure, used)
     found = Checks(
-        disagreeing=float((apart > _DISAGREEING).mean()) if apart.size else 0.0,
+        disagreeing=float((apart > _DISAGREEING).mean()) if apart.size >= _FEWEST else 0.0,
         at_ends=_at_ends(lf, disparity, prepared, engine),
         without_evidence=float((confidence < _NO_EVIDENCE).mean()),
         uneven=uneven,
         aspect=measure_aspect(lf, range, engine=engine),
         off_grid=off_grid,
         in_place=in_place,
-        brightest=float(lf.views.max() / lf.full_scale),
+        brightest=float(np.quantile(lf.reference, _ALL_BUT_GLINTS) / lf.full_scale),
         suspected=shades.suspected,
     )
     with using(engine) as used:
@@ -216,8 +220,8 @@ def _warnings(found: Checks, range: tuple[float, float], range_found: bool) -> l
     words = []
     if found.brightest < LEAST_BRIGHTEST:
         words.append(
-            f"the brightest sample of all views is at {100 * found.brightest:.2g} % of white; where samples "
-            "fill only part of their type, say so with --white-level N (white_level=N in Python)"
+            f"99.9 % of the samples lie below {100 * found.brightest:.2g} % of white; where samples fill only "
+            "part of their type, say so with --white-level N (white_level=N in Python)"
         )
     if found.grid is not None:
         return [*words, _grid_words(found.grid)]  # all else may follow from it

@@ -44,7 +44,7 @@ from lfdepth.probe.matching import (
     shrink_to,
     widest,
 )
-from lfdepth.probe.ranges import COARSE, SLACK, coarse_range, ends
+from lfdepth.probe.ranges import COARSE, SLACK, WIDER, coarse_range, ends
 from lfdepth.probe.regrid import in_other_rows, in_other_tiles
 
 # Shorter side, px, of the views that are compared; for the sign, larger ones if the first do not decide it.
@@ -297,11 +297,13 @@ def find_grid(lf: LightField, engine: Engine, *, applied: Reordering = AS_STORED
 
 def _ordered(lf: LightField, base: Reordering, applied: Reordering, engine: Engine) -> Orientation:
     """What the pixels say of views that were read with `base`, every row in one direction."""
-    limit = widest(lf)
-    probe = make_probe(lf, limit, shrink_to(lf, _SIDES[0]), _RINGS, contrast=True)
-    order, found, agreeing, decisive = _find_order(probe, limit, engine)
-    in_place = _share_in_place(lf, order, probe, found, engine)
-    decided = decisive >= _DECISIVE and agreeing >= _AGREEING and in_place >= _IN_PLACE
+    for limit in (widest(lf), WIDER * widest(lf)):
+        probe = make_probe(lf, limit, shrink_to(lf, _SIDES[0]), _RINGS, contrast=True)
+        order, found, agreeing, decisive = _find_order(probe, limit, engine)
+        in_place = _share_in_place(lf, order, probe, found, engine)
+        decided = decisive >= _DECISIVE and agreeing >= _AGREEING and in_place >= _IN_PLACE
+        if decided:
+            break
     sign = _find_sign(lf, order, found, probe, limit, engine) if decided else _Sign()
     expected, opposite = _remedies(lf, order)
     if sign.decided and sign.far_wins > sign.near_wins:
