@@ -159,10 +159,10 @@ class FbsVis(Method):
             confidence = edges.lower_confidence(confidence, disparity)
         trace.take("edges", disparity)
         trace.step("edges")
-        if rounds > 0:
+        if (refining := self.refine_rule) is not None:
             with trace.block("refinement"):
                 second = energy.ask_signs if self.faint else None
-                refined = refine_map(lf, disparity, RefineRule(rounds=rounds), engine, second)
+                refined = refine_map(lf, disparity, refining, engine, second)
                 disparity, sigma = refined.disparity, refined.sigma
             trace.take("refined", disparity)
             trace.step("refinement")
@@ -189,6 +189,12 @@ class FbsVis(Method):
             noise=problem.noise,
             borders=problem.borders,
         )
+
+    @property
+    def refine_rule(self) -> RefineRule | None:
+        """Rounds of the refinement; None if there is none."""
+        rounds = _ROUNDS[self.effort]
+        return RefineRule(rounds=rounds) if rounds else None
 
     @property
     def joint_rule(self) -> JointRule:

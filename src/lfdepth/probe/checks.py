@@ -220,8 +220,8 @@ def _warnings(found: Checks, range: tuple[float, float], range_found: bool) -> l
     words = []
     if found.brightest < LEAST_BRIGHTEST:
         words.append(
-            f"99.9 % of the samples lie below {100 * found.brightest:.2g} % of white; where samples fill only "
-            "part of their type, say so with --white-level N (white_level=N in Python)"
+            f"99.9 % of the samples lie below {100 * found.brightest:.2g} % of white; where samples fill "
+            "only part of their type, say so with --white-level N (white_level=N in Python)"
         )
     if found.grid is not None:
         return [*words, _grid_words(found.grid)]  # all else may follow from it
