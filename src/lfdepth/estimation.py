@@ -100,8 +100,16 @@ def estimate(
         maps = chosen.run(Problem(lf, searched, planes), Work(used, watched))
         runtime = time.perf_counter() - started
         disparity = np.clip(maps.disparity, *searched).astype(np.float32)
-        confidence = maps.confidence
-        checks = check_map(prepared, disparity, confidence, as_read=as_read, engine=used) if check else None
+        checks = None
+        if check:
+            checks = check_map(
+                prepared,
+                disparity,
+                maps.confidence,
+                as_read=as_read,
+                standing_out=maps.standing_out,
+                engine=used,
+            )
     return Result(
         disparity=disparity,
         confidence=maps.confidence,

@@ -52,6 +52,7 @@ def open_tiff(path: Path, layout: Layout) -> ViewSource:
         _check_order(file)
         stored = _Stored.of(file)
         description = str(file.pages[0].description)
+        windowed = stored.windowed()
     except Exception as error:  # tifffile raises many kinds on damaged files
         if file is not None:
             file.close()
@@ -99,7 +100,6 @@ def open_tiff(path: Path, layout: Layout) -> ViewSource:
     except BaseException:
         file.close()
         raise
-    windowed = stored.windowed()
     source = ViewSource(
         grid=grid,
         read_view=read_view,

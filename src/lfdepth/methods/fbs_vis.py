@@ -172,7 +172,7 @@ class FbsVis(Method):
                 exponent = None if problem.noise is None else AS_THEY_ARE
                 disparity = decide_sides(lf, disparity, before, exponent=exponent, engine=engine)
             trace.step("edge net")
-        return Maps(disparity, confidence, sigma)
+        return Maps(disparity, confidence, sigma, energy.standing_out)
 
     def _energy(self, problem: Problem, guide: NDArray[np.float32], work: Work) -> JointEnergy:
         """The energy, on every second plane until the first map, where there is a second count."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -33,8 +34,12 @@ if TYPE_CHECKING:
 MOST_DISAGREEING = 0.53
 MOST_AT_ENDS = 0.16
 MOST_UNEVEN = 0.02
+# On clean scenes at most 0.14 (noise-3), behind a path-traced mesh 0.26 to 0.31.
+MOST_UNDECIDED = 0.2
 LEAST_IN_PLACE, LEAST_BRIGHTEST = 0.25, 0.27
 
+# How much more of the views have to agree with the best disparity than with others.
+_STANDS_OUT = 0.1
 # How far from a point the typical view shows something else, as a share of the contrast around it.
 _DISAGREEING = 0.5
 # Fewer textured points tell nothing: a defective pixel of the sensor makes as many.
@@ -88,6 +93,9 @@ class Checks:
     suspected
         How far the brightness of views seems to differ, of their level, where they are too small to
         equalise; otherwise 0.
+    undecided
+        Share of the textured points at which views contradict the map, and no other disparity stands out
+        either; 0 from methods that do not tell.
     warnings
         In plain words, the likeliest cause first; empty if nothing is beyond its bound.
     """
@@ -104,6 +112,7 @@ class Checks:
     grid: tuple[int, int] | None = None
     aspect_helps: bool = False
     suspected: float = 0.0
+    undecided: float = 0.0
     warnings: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
@@ -117,6 +126,7 @@ def check_map(
     confidence: NDArray[np.float32],
     *,
     as_read: LightField | None = None,
+    standing_out: Callable[[NDArray[np.int64]], NDArray[np.float32]] | None = None,
     engine: Engine | None = None,
 ) -> Checks:
     """Check a map against the views that it was estimated from.
@@ -130,11 +140,13 @@ def check_map(
     as_read
         The light field before anything was done to its views, which shows better on which grid they were
         taken; by default, the same.
+    standing_out
+        What the method says of that, `lfdepth.methods.base.Maps`.
     engine
         Engine to use instead of the default one.
     """
     lf, range = prepared.lf, prepared.range
-    apart = disagreement(lf, disparity, engine=engine)
+    points, apart = disagreement(lf, disparity, engine=engine)
     equalised = prepared.equalisation
     shades = equalised or measure_brightness(lf, range=range, engine=engine)
     uneven = float(shades.effect.max()) if equalised is None and shades.needed else 0.0
@@ -151,6 +163,7 @@ def check_map(
         in_place=in_place,
         brightest=float(np.quantile(lf.reference, _ALL_BUT_GLINTS) / lf.full_scale),
         suspected=shades.suspected,
+        undecided=_undecided(points[apart > _DISAGREEING], len(apart), standing_out),
     )
     with using(engine) as used:
         found = _with_order(found, lf, as_read or lf, range, used)
@@ -181,6 +194,17 @@ def _is_in_order(lf: LightField, engine: Engine) -> bool:
     return found.order_decided and not found.wrong
 
 
+def _undecided(
+    points: NDArray[np.int64],
+    count: int,
+    standing_out: Callable[[NDArray[np.int64]], NDArray[np.float32]] | None,
+) -> float:
+    """Share of `count` textured points at which views disagree and nothing stands out; `points` disagree."""
+    if standing_out is None or count < _FEWEST or not len(points):
+        return 0.0
+    return float(np.count_nonzero(standing_out(points) < _STANDS_OUT)) / count
+
+
 def _in_place(
     lf: LightField,
     disparity: NDArray[np.float32],
@@ -205,7 +229,7 @@ def _at_ends(
     there = (disparity < low + near) | (disparity > high - near)
     share = float(there.mean())
     if prepared.range_found and share > MOST_AT_ENDS:
-        apart = disagreement(lf, np.where(there, disparity, np.nan), engine=engine)
+        _, apart = disagreement(lf, np.where(there, disparity, np.nan), engine=engine)
         if apart.size and (apart > _DISAGREEING).mean() < _END_DISAGREEING:
             return 0.0
     return share
@@ -240,6 +264,12 @@ def _warnings(found: Checks, range: tuple[float, float], range_found: bool) -> l
     words += _measured(found)
     if MOST_AT_ENDS < found.at_ends <= _BESIDE:
         words.append(ends)
+    if found.undecided > MOST_UNDECIDED and not words:
+        words.append(
+            f"no disparity explains the views at {100 * found.undecided:.0f} % of the textured points; what "
+            "is there may be hidden in most views, as behind a mesh, or repeat itself; do not use pixels of "
+            "low confidence"
+        )
     if found.disagreeing > MOST_DISAGREEING:
         causes = "" if range_found else "the range, "
         words.append(
