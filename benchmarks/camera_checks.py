@@ -38,6 +38,12 @@ BRIGHTNESS = {
     for name, case in CASES.items()
     if name not in ("corner views 80 %", "vignetting 70 %", "vignetting and gains")
 } | {"all together": replace(CASES["all together"], white_balance=0.0)}
+OTHER_GRIDS = {
+    (8, 8): ((64, 1), (1, 64), (16, 4), (4, 16)),
+    (6, 6): ((4, 9), (9, 4), (3, 12)),
+    (5, 9): ((9, 5), (3, 15)),
+    (7, 7): ((49, 1), (1, 49)),
+}
 CLEAN = ((96, 9, 1), (128, 5, 2), (128, 3, 3), (160, 9, 4))
 
 Array = NDArray[Any]
@@ -112,9 +118,13 @@ def broken() -> Iterator[tuple[str, LightField, tuple[float, float] | None]]:
     yield "serpentine", stored(intact, wound), RANGE
     yield "transposed grid", stored(intact, intact.views.swapaxes(0, 1)), RANGE
     yield "mirrored grid", stored(intact, intact.views[:, ::-1]), RANGE
-    tiles = field(grid_offsets((8, 8))).views
-    for grid in ((64, 1), (1, 64), (16, 4), (4, 16)):
-        yield f"8x8 as {grid[1]}x{grid[0]}", stored(intact, tiles.reshape(*grid, *SIZE, 1)), RANGE
+    for taken, grids in OTHER_GRIDS.items():
+        views = field(grid_offsets(taken)).views
+        for grid in grids:
+            name = f"{taken[1]}x{taken[0]} as {grid[1]}x{grid[0]}"
+            yield name, stored(intact, views.reshape(*grid, *SIZE, 1)), RANGE
+    tiles = views.reshape(*taken, *SIZE).swapaxes(1, 2).reshape(3, 7 * SIZE[0] // 3, 7, SIZE[1])
+    yield "tiles 7x7 as 7x3", stored(intact, tiles.swapaxes(1, 2)[..., None]), RANGE
     yield "range cut off above", intact, (-1.4, 0.7)
     yield "range cut off below", intact, (-0.9, 1.2)
     yield "range beside the scene", intact, (2.0, 4.0)
@@ -131,6 +141,8 @@ def clean() -> Iterator[tuple[str, Callable[[], LightField]]]:
     for part in (1 / 3, 2 / 3):  # by so much of the picture the front moves from one end to the other
         line = partial(field, grid_offsets((1, 101)), (80, 160), 1.6 * part, -0.2)
         yield f"front over {part:.2f} 101x1", line
+    for size, grid in ((64, (1, 9)), (64, (9, 1)), (96, (1, 9)), (64, (1, 5))):
+        yield f"field {grid[1]}x{grid[0]} {size} px", partial(field, grid_offsets(grid), (size, size + 16))
     yield "field 7x7", partial(field, grid_offsets(GRID), seed=7)
     for name in ("cotton", "backgammon"):
         if (DATA / "hci4d" / name).is_dir():

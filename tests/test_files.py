@@ -237,6 +237,50 @@ def test_others_among_the_views_are_named_or_left_out(tmp_path: Path) -> None:
         read(tmp_path, pattern="x*")
 
 
+def test_pictures_named_after_the_views(tmp_path: Path) -> None:
+    """Masks by a name that nobody knows: a count that fits decides, and the pattern that is advised helps."""
+    save_all(tmp_path, "{v}_{u}.png")
+    save_all(tmp_path, "{v}_{u}_instances.png", VIEWS[..., 0])
+    np.testing.assert_array_equal(read(tmp_path, grid=(5, 5)).views, VIEWS)
+    with pytest.raises(LightFieldError, match=r"0_0_instances\.png: surplus picture") as refused:
+        read(tmp_path)
+    pattern = str(refused.value).split("--pattern '")[1].split("'")[0]
+    np.testing.assert_array_equal(read(tmp_path, pattern=pattern).views, VIEWS)
+
+
+@pytest.mark.parametrize(
+    "name", ["view_{:d}_{:d}.png", "view_{:+d}_{:+d}.png", "v{:d}_u{:d}.png", "shot {:d} {:d}.png"]
+)
+def test_rows_and_columns_counted_from_the_middle(tmp_path: Path, name: str) -> None:
+    for v, u in np.ndindex(5, 5):
+        save(tmp_path / name.format(v - 2, u - 2), VIEWS[v, u])
+    np.testing.assert_array_equal(read(tmp_path).views, VIEWS)
+
+
+@pytest.mark.parametrize("name", ["img-{:03d}.png", "img_-{:03d}.png", "2026-01-01 - {:d}.png"])
+def test_hyphens_are_no_signs(tmp_path: Path, name: str) -> None:
+    for n, (v, u) in enumerate(np.ndindex(5, 5)):
+        save(tmp_path / name.format(n), VIEWS[v, u])
+    np.testing.assert_array_equal(read(tmp_path).views, VIEWS)
+
+
+@pytest.mark.parametrize("name", ["v{0}_u{1}.png", "cam_{0:.2f}_{1:.3f}.png", "x{1:.2f}_y{0:.2f}.png"])
+@pytest.mark.parametrize("start", [0, -0.5])
+def test_rows_and_columns_with_decimals(tmp_path: Path, name: str, start: float) -> None:
+    for v, u in np.ndindex(5, 5):
+        save(tmp_path / name.format(start + 0.25 * v, start + 0.5 * u), VIEWS[v, u])
+    np.testing.assert_array_equal(read(tmp_path).views, VIEWS)
+
+
+def test_what_is_not_recognised_says_where_to_look(tmp_path: Path) -> None:
+    save_all(tmp_path / "scene" / "images", "{n:03d}.png")
+    with pytest.raises(LightFieldError, match=r"the pictures in it are in .*images: read that"):
+        read(tmp_path / "scene")
+    save(tmp_path / "tiles.png", VIEWS[0, 0])
+    with pytest.raises(LightFieldError, match=r"--format mosaic --grid COLUMNSxROWS"):
+        read(tmp_path / "tiles.png")
+
+
 def test_a_folder_for_each_view_with_frames(tmp_path: Path) -> None:
     for frame, views in enumerate([VIEWS, VIEWS[::-1]]):
         save_all(tmp_path / "a", f"{{v:02d}}_{{u:02d}}/{frame:03d}.png", views)
@@ -575,6 +619,28 @@ def test_grey_ome_tiff(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read(tmp_path / "a.ome.tif").views[..., 0], GREY)
 
 
+@pytest.mark.parametrize("dtype", ["int16", "int32", "uint32", "int64"])
+def test_whole_numbers_of_other_types(tmp_path: Path, dtype: str) -> None:
+    views = random_views(3, 5, 12, 14, dtype="uint16", most=4095)
+    np.save(tmp_path / "lf.npy", views.astype(dtype))
+    paths = [tmp_path / "lf.npy"]
+    if dtype != "int64":
+        paths.append(tmp_path / "pages.tif")
+        tifffile.imwrite(paths[-1], views.reshape(15, 12, 14).astype(dtype))
+    for path in paths:
+        lf = read(path, grid=(3, 5))
+        assert lf.white_level == 4095
+        np.testing.assert_array_equal(lf.views[..., 0], np.rint(views * (65535 / 4095)))
+    if dtype != "uint32":
+        negative = views.astype(dtype)
+        negative[1, 2, 3, 4] = -1
+        np.save(tmp_path / "negative.npy", negative)
+        with pytest.raises(
+            LightFieldError, match=r"view \(1, 2\): samples of type .* from -1 to \d+; expected 0"
+        ):
+            read(tmp_path / "negative.npy")
+
+
 # HDF5 and MATLAB
 
 
@@ -763,17 +829,27 @@ def test_truth_that_cannot_be(tmp_path: Path) -> None:
         read_truth(tmp_path / "t.dat")
 
 
-@pytest.mark.parametrize("given", ["{file}", "hill={file}"])
-def test_truth_for_a_bench(tmp_path: Path, given: str, capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(("given", "ending"), [("{file}", "tif"), ("hill={file}", "png"), ("{file}", "mat")])
+def test_truth_for_a_bench(
+    tmp_path: Path, given: str, ending: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Scores of another program's map against truth that is known: half of the pixels are 0.2 px off."""
     truth = np.linspace(-1, 1, 40 * 44, dtype=np.float32).reshape(40, 44)
-    lfdepth.write(tmp_path / "truth.tif", truth)
+    told, options = tmp_path / f"truth.{ending}", []
+    if ending == "png":
+        cv2.imwrite(str(told), np.rint((truth + 2) * 16000).astype(np.uint16))
+        options = ["--truth-scale", str(1 / 16000), "--truth-offset", "-2"]
+    elif ending == "mat":
+        savemat(told, {"depth": truth + 3, "wanted": truth})
+        options = ["--truth-variable", "wanted"]
+    else:
+        lfdepth.write(told, truth)
     (tmp_path / "theirs").mkdir()
     lfdepth.write(tmp_path / "theirs" / "hill.pfm", truth + np.where(np.arange(44) < 22, 0, 0.2).astype("f4"))
     (tmp_path / "theirs" / "hill.txt").write_text("1.0")
     folder = tmp_path / "scene" / "hill"
     save_all(folder, "{v}_{u}.png", random_views(3, 3, 40, 44))
-    words = [str(folder), "--truth", given.format(file=tmp_path / "truth.tif")]
+    words = [str(folder), "--truth", given.format(file=told), *options]
     words += ["--external", str(tmp_path / "theirs"), "--methods", "fbs:planes=3"]
     assert main(["bench", *words, "-o", str(tmp_path / "out"), "--json"]) in (0, 1)
     capsys.readouterr()

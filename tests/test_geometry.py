@@ -11,9 +11,14 @@ import pytest
 import lfdepth
 from fields import quantise, texture
 from lfdepth import scenes
+from lfdepth.engines import single
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField, grid_offsets
+from lfdepth.methods.base import Problem, Work
+from lfdepth.methods.fbs_vis import FbsVis
+from lfdepth.probe.checks import check_map
 from lfdepth.probe.geometry import measure_aspect, measure_off_grid, measure_positions
+from lfdepth.probe.preparation import Prepared
 
 GRID = (7, 7)
 RANGE = (-1.2, 1.2)
@@ -206,12 +211,79 @@ def test_samples_that_fill_part_of_their_type_are_warned_of(bits: int) -> None:
 @pytest.mark.parametrize("grid", [(49, 1), (1, 49)])
 def test_another_number_of_rows_is_warned_of(grid: tuple[int, int]) -> None:
     lf = field(grid_offsets(GRID))
-    assert "number of rows and columns" in said(
-        LightField(np.ascontiguousarray(lf.views.reshape(*grid, *lf.shape[2:])))
-    )
+    words = said(LightField(np.ascontiguousarray(lf.views.reshape(*grid, *lf.shape[2:]))))
+    assert "another grid than they are read with, of 7 columns and 7 rows" in words
+    assert "|" not in words  # all else follows from it
 
 
 def test_a_range_beside_the_scene_is_said_first() -> None:
     result = lfdepth.estimate(field(grid_offsets(GRID)), "fbs-sfa", range=(2.0, 4.0))
     assert result.checks is not None
     assert "ends of the range" in result.checks.warnings[0]
+
+
+@pytest.mark.parametrize("grid", [(1, 5), (5, 1)])
+def test_a_line_of_views_has_no_tilt_to_find(grid: tuple[int, int]) -> None:
+    """Where all views stand in one line, disparities of their own for the points make up for a tilt."""
+    size = (64, 80)
+    lf = field(grid_offsets(grid), size=size, grid=grid)
+    found = measure_positions(lf, np.asarray(lf.truth))
+    assert found is not None
+    across = found[..., 0 if grid[0] == 1 else 1]
+    line = lf.offsets[..., 1 if grid[0] == 1 else 0]
+    assert abs(float((across * line).sum())) < 1e-9
+    assert np.abs(found).max() < 0.03
+    assert measure_off_grid(lf, np.asarray(lf.truth)) < 0.02
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_the_order_of_views_that_move_by_half_the_picture(mirrored: bool) -> None:
+    steps = grid_offsets((1, 5))
+    lf = field(steps, 52.0, 43.0, (80, 200), (1, 5))
+    views = np.ascontiguousarray(lf.views[:, ::-1]) if mirrored else lf.views
+    found = lfdepth.check_orientation(LightField(views))
+    assert found.order_decided
+    assert found.options == ("--flip-u" if mirrored else "")
+
+
+def test_a_defective_pixel_is_not_white() -> None:
+    """Of 12 bits in 16, one pixel at 65535: the white level is the cause that is named."""
+    lf = field(grid_offsets(GRID))
+    views = (lf.views.astype(np.uint16) * 257) >> 4
+    views[3, 3, 40, 50] = 65535
+    words = said(replace(lf, views=views))
+    assert "white-level" in words
+    assert "contradict" not in words
+
+
+@pytest.mark.parametrize(("apart", "warned"), [(0.02, True), (0.5, False)])
+def test_points_that_no_disparity_explains_are_warned_of(apart: float, warned: bool) -> None:
+    """Noise in every view: they disagree everywhere; whether anything stands out, the method says."""
+    rng = np.random.default_rng(0)
+    lf = LightField(rng.integers(0, 256, (5, 5, 64, 72, 1), np.uint8), disparity_range=(-1.0, 1.0))
+    prepared = Prepared(lf, (-1.0, 1.0), range_found=True, equalisation=None)
+    flat, low = np.zeros((64, 72), np.float32), np.zeros((64, 72), np.float32)
+
+    def standing_out(points: Any) -> Any:
+        return np.full(len(points), apart, np.float32)
+
+    checks = check_map(prepared, flat, low, standing_out=standing_out)
+    assert checks.disagreeing > 0.5
+    assert checks.undecided == (checks.disagreeing if warned else 0)
+
+
+def test_how_far_the_best_disparity_stands_out() -> None:
+    """Against the shares of the method's last decision, pixel by pixel."""
+    lf = field(grid_offsets(GRID), size=(48, 56))
+    trace = lfdepth.Trace(keep=["shares"])
+    method = FbsVis()
+    planes = method.planes_for(RANGE)
+    maps = method.run(Problem(lf, RANGE, planes), Work(single(), trace))
+    shares, step = trace.kept["shares"][-1], float(planes[0] - planes[1])
+    points = np.array([(5, 7), (20, 30), (40, 50), (24, 12)])
+    assert maps.standing_out is not None
+    for (y, x), told in zip(points, maps.standing_out(points), strict=True):
+        profile = shares[:, y, x]
+        best = int(profile.argmax())
+        others = [share for k, share in enumerate(profile) if abs(k - best) > max(3, round(0.3 / step))]
+        assert told == pytest.approx(profile[best] - max(others), abs=1e-6)

@@ -18,6 +18,7 @@ from fields import plane_views, quantise, texture
 from lfdepth import scenes
 from lfdepth.errors import LightFieldError
 from lfdepth.io import read
+from lfdepth.io.pixels import write_picture
 from lfdepth.lightfield import LightField
 from lfdepth.probe.order import AS_STORED, Reordering, check_orientation
 from lfdepth.scenes.cameras import Imperfections, spoil
@@ -268,13 +269,61 @@ def test_what_wrongly_is_read_as_serpentine_is_told(tmp_path: Path) -> None:
         read(tmp_path / "lf.npy", check=True, serpentine=True)
 
 
-@pytest.mark.parametrize("grid", [(64, 1), (1, 64), (16, 4)])
-@pytest.mark.parametrize("name", ["leaves", "room", "noise-3", "bars"])
-def test_nothing_is_advised_that_would_not_help(name: str, grid: tuple[int, int]) -> None:
-    """A picture of 8×8 tiles that was read with another number of rows and columns."""
-    lf = scenes.render(name, size=96, views=8, seed=1, samples=1)
-    got = check_orientation(LightField(np.ascontiguousarray(lf.views.reshape(*grid, *lf.shape[2:]))))
+@pytest.mark.parametrize("name", ["leaves", "room"])
+def test_nothing_is_advised_that_would_not_help(name: str) -> None:
+    """Views that are mixed up, as no reordering and no other grid mends."""
+    lf = scenes.render(name, size=96, views=6, seed=1, samples=1)
+    mixed = np.random.default_rng(0).permutation(lf.views.reshape(36, *lf.shape[2:])).reshape(lf.shape)
+    got = check_orientation(LightField(np.ascontiguousarray(mixed)))
     assert not got.order_decided
     assert not got.wrong
-    assert "the views agree with one another in no order" in got.message
-    assert "--flip" not in got.message
+    assert "in no order" in got.message or "undecided" in got.message
+    assert not got.options or "use" not in got.message
+
+
+@pytest.mark.thin(2)
+@pytest.mark.parametrize(
+    ("taken", "told"),
+    [
+        ((8, 8), (16, 4)),
+        ((8, 8), (64, 1)),
+        ((6, 6), (4, 9)),
+        ((6, 6), (12, 3)),
+        ((6, 6), (2, 18)),
+        ((5, 9), (9, 5)),
+        ((9, 5), (15, 3)),
+        ((7, 7), (1, 49)),
+    ],
+)
+@pytest.mark.parametrize("name", ["leaves", "room", "noise-3", "bars"])
+def test_another_grid_is_told(name: str, taken: tuple[int, int], told: tuple[int, int]) -> None:
+    lf = scenes.render(name, size=64, views=taken, seed=1, samples=1)
+    got = check_orientation(LightField(np.ascontiguousarray(lf.views.reshape(*told, *lf.shape[2:]))))
+    assert got.grid == taken
+    assert got.wrong
+    assert got.options == f"--grid {taken[1]}x{taken[0]}"
+    assert f"on another grid than they are read with; use --grid {taken[1]}x{taken[0]}" in got.message
+    assert got.call == f"read(path, grid={taken})"
+
+
+def test_another_grid_that_is_mirrored_is_told(tmp_path: Path) -> None:
+    """Columns from right to left, of 6x6 views that are read as 4x9: what is advised reads them in order."""
+    lf = scenes.render("leaves", size=96, views=6, seed=1, samples=1)
+    np.save(tmp_path / "lf.npy", lf.views[:, ::-1].reshape(9, 4, *lf.shape[2:]))
+    with pytest.raises(
+        LightFieldError, match=r"use --grid 6x6 --flip-u; in Python read\(path, grid=\(6, 6\)"
+    ):
+        read(tmp_path / "lf.npy", check=True)
+    np.testing.assert_array_equal(
+        read(tmp_path / "lf.npy", grid=(6, 6), flip_u=True, check=True).views, lf.views
+    )
+
+
+@pytest.mark.parametrize("told", [(4, 9), (9, 4), (3, 6), (6, 12)])
+def test_a_mosaic_that_is_cut_into_other_tiles_is_told(told: tuple[int, int], tmp_path: Path) -> None:
+    lf = scenes.render("leaves", size=72, views=6, seed=1, samples=1)
+    picture = lf.views.transpose(0, 2, 1, 3, 4).reshape(6 * 72, 6 * 72, 3)
+    write_picture(tmp_path / "tiles.png", picture)
+    got = check_orientation(read(tmp_path / "tiles.png", format="mosaic", grid=told))
+    assert got.grid == (6, 6)
+    assert got.options == "--grid 6x6"

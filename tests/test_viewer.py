@@ -27,6 +27,7 @@ from fields import light_field, quantise, two_planes
 from lfdepth.cli import main
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
+from lfdepth.methods.fbs_vis import FbsVis
 from lfdepth.viewer.document import shown_map
 from lfdepth.viewer.evidence import HIDDEN, OUTSIDE, SEEN, Explainer
 from lfdepth.viewer.page import export
@@ -257,6 +258,26 @@ def test_views_that_agree_show_the_same_colour() -> None:
     assert found.decided_by == "energy of both"
     np.testing.assert_array_equal(found.epi_horizontal, same.epi_horizontal(30)[:, :53])
     assert found.epi_start == (0, 0)
+
+
+REFINED, FAINT, SIDES = "refinement between planes", "signs on faint surfaces", "network at depth edges"
+
+
+@pytest.mark.parametrize(
+    ("method", "later"),
+    [
+        (FbsVis(), [REFINED, FAINT, SIDES]),
+        (FbsVis(faint=False), [REFINED, SIDES]),
+        (FbsVis(effort="fast", edge_net=False), []),
+    ],
+)
+def test_every_block_of_the_method_is_shown(lf: LightField, method: FbsVis, later: list[str]) -> None:
+    """The blocks that make the map leave its disparity; those that a method leaves out are not shown."""
+    whole = lfdepth.estimate(lf, method, check=False)
+    found = Explainer(lf, whole).at(30, 20)
+    names = [stage.name for stage in found.stages]
+    assert names[names.index("depth edges") + 1 : -1] == later
+    assert found.stages[-2].disparity == pytest.approx(float(whole.disparity[20, 30]), abs=0.01)
 
 
 def test_a_wrong_map_is_told_from_what_the_blocks_say(lf: LightField) -> None:

@@ -86,6 +86,7 @@ def estimate(
     37
     """
     started = time.perf_counter()
+    as_read = lf
     chosen = named_method(method, **options)
     chosen.check(lf.shape)
     watched = trace or Trace(progress)
@@ -99,7 +100,16 @@ def estimate(
         maps = chosen.run(Problem(lf, searched, planes), Work(used, watched))
         runtime = time.perf_counter() - started
         disparity = np.clip(maps.disparity, *searched).astype(np.float32)
-        checks = check_map(prepared, disparity, maps.confidence, engine=used) if check else None
+        checks = None
+        if check:
+            checks = check_map(
+                prepared,
+                disparity,
+                maps.confidence,
+                as_read=as_read,
+                standing_out=maps.standing_out,
+                engine=used,
+            )
     return Result(
         disparity=disparity,
         confidence=maps.confidence,

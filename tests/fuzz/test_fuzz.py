@@ -35,6 +35,18 @@ def test_damaged_files_are_read_or_refused_cleanly() -> None:
     assert {each.what for each in found} == {"read", "refused"}
 
 
+@pytest.mark.parametrize(("number", "seed"), [(453, 77)])
+def test_inputs_that_were_bad(number: int, seed: int) -> None:
+    """A TIFF that says of more pages than it has that they are its own."""
+    with ProcessPoolExecutor(1) as pool:
+        (found,) = pool.submit(_of_seed, number, seed).result()
+    assert not found.bad, str(found)
+
+
+def _of_seed(number: int, seed: int) -> list[Outcome]:
+    return list(run([number], seed=seed))
+
+
 def test_whole_files_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fuzz_run, "damage", lambda files, chance: files)
     found = list(run(range(len(KINDS))))

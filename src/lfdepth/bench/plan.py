@@ -83,6 +83,8 @@ class SceneSpec:
         Keep this many views along both axes.
     truth : Path, optional
         Disparity of the reference view, over what the scene says; what `lfdepth.io.read_truth` reads.
+    truth_scale, truth_offset, truth_variable
+        As of `lfdepth.read`: disparity = offset + scale · sample, and the name in a file with several arrays.
     """
 
     source: Path | str | LightField
@@ -90,6 +92,9 @@ class SceneSpec:
     range: tuple[float, float] | None = None
     views: int | None = None
     truth: Path | None = None
+    truth_scale: float | None = None
+    truth_offset: float = 0.0
+    truth_variable: str | None = None
 
     def label(self) -> str:
         """Name before it is read."""
@@ -109,7 +114,10 @@ class SceneSpec:
         if self.truth is not None:
             from lfdepth.io import read_truth
 
-            lf = replace(lf, truth=read_truth(self.truth))
+            told = read_truth(
+                self.truth, scale=self.truth_scale, offset=self.truth_offset, variable=self.truth_variable
+            )
+            lf = replace(lf, truth=told)
         changed = replace(lf, name=self.name or lf.name, disparity_range=self.range or lf.disparity_range)
         return changed, unusable
 
@@ -200,8 +208,10 @@ def _plan_scenes(entry: str | dict[str, Any], folder: Path) -> Iterator[SceneSpe
         yield SceneSpec(beside if beside.exists() else source, **table)
 
 
-def with_truth(scenes: Sequence[str], truth: Sequence[str]) -> list[SceneSpec]:
+def with_truth(scenes: Sequence[str], truth: Sequence[str], **reading: Any) -> list[SceneSpec]:
     """Scenes with the truth that is given for them: SCENE=FILE each, or FILE for a single scene.
+
+    `reading` are `truth_scale`, `truth_offset` and `truth_variable` of each.
 
     Raises
     ------
@@ -220,7 +230,7 @@ def with_truth(scenes: Sequence[str], truth: Sequence[str]) -> list[SceneSpec]:
                 f"truth {text!r}: {len(matching)} of {len(specs)} scenes fit; expected SCENE=FILE with "
                 f"one of {known}; name one of them"
             )
-        specs[matching[0]] = replace(specs[matching[0]], truth=Path(file))
+        specs[matching[0]] = replace(specs[matching[0]], truth=Path(file), **reading)
     return specs
 
 

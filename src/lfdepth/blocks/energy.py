@@ -36,6 +36,8 @@ from lfdepth.engines.layout import SHARE_LEVELS
 from lfdepth.lightfield import LightField
 from lfdepth.trace import Trace
 
+# Disparities, px per view step, on either side of the best one that belong to it.
+_ONE_PEAK = 0.3
 _LARGEST_ISLAND = 2
 """Pixels up to which an island at an end of the range is filled."""
 
@@ -216,6 +218,15 @@ class JointEnergy:
         disparity = self._disparity(position)
         self._trace.take("decisions", lambda: disparity)
         return disparity, self._confidence(contrast)
+
+    def standing_out(self, points: NDArray[np.int64]) -> NDArray[np.float32]:
+        """How much more views agree with the best disparity of pixels (N, 2) than with others, 0 to 1."""
+        shares = self._engine.download(self._shares)[:, points[:, 0], points[:, 1]]
+        near = max(3, round(_ONE_PEAK / self.step))
+        others = np.abs(np.arange(len(shares))[:, None] - shares.argmax(axis=0)) > near
+        second = np.where(others, shares, 0).max(axis=0)
+        apart = shares.max(axis=0).astype(np.float32) - second
+        return np.asarray(apart / np.float32(SHARE_LEVELS), np.float32)
 
     def ask_signs(self, disparity: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """What the signs say of a map (H, W) where photo votes weighed little in the last decision."""

@@ -31,6 +31,9 @@ def bench(
     settings: Annotated[tuple[str, ...], Several] = (),
     plan: Path | None = None,
     truth: Annotated[tuple[str, ...], Several] = (),
+    truth_scale: float | None = None,
+    truth_offset: float = 0.0,
+    truth_variable: str | None = None,
     external: Annotated[tuple[Path, ...], Several] = (),
     compare: Annotated[tuple[str, str] | None, Parameter(metavar="A B")] = None,
     published: bool = True,
@@ -63,6 +66,12 @@ def bench(
         TOML file with scenes, methods, settings and external, in addition to those given here.
     truth
         Truth stored elsewhere than beside the views: SCENE=FILE for each scene, or FILE if there is only one.
+    truth_scale
+        Disparity per unit of the truth's samples: disparity = offset + scale · sample.
+    truth_offset
+        Disparity of sample 0; see --truth-scale.
+    truth_variable
+        Name of the truth in files with several arrays.
     external
         Folders with other programs' maps, SCENE.pfm, and run times in seconds, SCENE.txt.
     compare
@@ -80,9 +89,12 @@ def bench(
     planned = read_plan(plan) if plan else Plan((), ())
     named = _named(methods) if methods or plan else _usual()
     tried = cross(map(setting, named), [parameters(each) for each in settings] or [{}])
+    specs = with_truth(
+        scenes, truth, truth_scale=truth_scale, truth_offset=truth_offset, truth_variable=truth_variable
+    )
     with Progress() as progress:
         result = run_bench(
-            [*planned.scenes, *with_truth(scenes, truth)],
+            [*planned.scenes, *specs],
             [*planned.settings, *tried],
             output,
             external=[*planned.external, *external],

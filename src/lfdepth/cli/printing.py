@@ -293,7 +293,7 @@ def _remark_lines(remarks: Sequence[str]) -> dict[str, str]:
 
 
 def _order_facts(orientation: Orientation) -> Facts:
-    options = orientation.reordering.options if orientation.order_decided else None
+    options = orientation.options if orientation.order_decided else None
     return {
         "decided": orientation.decided,
         "wrong": orientation.wrong,

@@ -294,7 +294,7 @@ def _check_order(lf: LightField, path: Path, selection: Selection) -> None:
     applied = Reordering(selection.transpose, selection.flip_v, selection.flip_u, selection.serpentine)
     found = check_orientation(lf, applied=applied)
     if found.wrong:
-        raise LightFieldError(f"{path}: {found.message}; in Python {found.reordering.call}")
+        raise LightFieldError(f"{path}: {found.message}; in Python {found.call}")
     if not found.decided:
         warnings.warn(f"{path}: {found.message}", stacklevel=3)
 

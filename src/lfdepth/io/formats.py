@@ -7,7 +7,21 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lfdepth.errors import LightFieldError
-from lfdepth.io import benchmark, eslf, folder, hdf5, lytro, matlab, mosaic, npy, quilt, tiff, zarr_store
+from lfdepth.io import (
+    benchmark,
+    eslf,
+    folder,
+    hdf5,
+    lytro,
+    matlab,
+    mosaic,
+    names,
+    npy,
+    picture,
+    quilt,
+    tiff,
+    zarr_store,
+)
 from lfdepth.io.layout import Layout
 from lfdepth.io.source import ViewSource
 
@@ -71,10 +85,23 @@ def find_format(path: Path, name: str | None) -> Format:
     found = next((known for known in FORMATS.values() if known.recognise(path)), None)
     if found is None:
         raise LightFieldError(
-            f"{path}: not recognised as a light field; expected one of {', '.join(FORMATS)}; "
-            "check the path, or name the format (format)"
+            f"{path}: not recognised as a light field; expected one of {', '.join(FORMATS)}; {_remedy(path)}"
         )
     return found
+
+
+def _remedy(path: Path) -> str:
+    """What to do about a path that no format recognises."""
+    if path.is_dir():
+        inside = [each for each in sorted(path.iterdir()) if each.is_dir() and len(names.pictures(each)) > 1]
+        if len(inside) == 1:
+            return f"the pictures in it are in {inside[0]}: read that"
+    elif path.suffix.lower() in picture.ENDINGS:
+        return (
+            "if the picture holds all views, give the grid and say whether they are tiles (--format mosaic "
+            "--grid COLUMNSxROWS) or interleaved (--format eslf)"
+        )
+    return "check the path, or name the format (format)"
 
 
 def _check_exists(path: Path) -> None:

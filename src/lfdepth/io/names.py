@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from decimal import Decimal
 from fnmatch import fnmatch
 from math import gcd
 from pathlib import Path
@@ -23,6 +24,10 @@ from lfdepth.io.picture import ENDINGS
 _POSITIONED = re.compile(r"(.*?)(\d+)_(\d+)_(-?\d+(?:\.\d+)?)_(-?\d+(?:\.\d+)?)_?")
 # What phones add to the name of one picture of a burst.
 _COVER = re.compile(r"_COVER$", re.IGNORECASE)
+# Whole numbers; a sign belongs to one where no letter or digit comes right before it, but v, u, x, y, r or c.
+_SIGNED = r"(?:(?<![0-9A-Za-z])|(?<=[^A-Za-z][vuxyrc])|(?<=^[vuxyrc]))[+-]"
+_NUMBER = re.compile(rf"((?:{_SIGNED})?\d+)", re.IGNORECASE)
+_DECIMAL = re.compile(r"(-?\d+\.\d+)")
 _ROW_TAGS = {"v", "y", "r", "row"}
 _COLUMN_TAGS = {"u", "x", "c", "col", "column"}
 # Words in the names of pictures that belong to views and are none.
@@ -46,12 +51,15 @@ class Name:
         Alternating parts of the name.
     position
         (y, x) of the camera, if the name tells it.
+    minus
+        Which numbers have a minus before them.
     """
 
     file: Path
     texts: tuple[str, ...]
     numbers: tuple[int, ...]
     position: tuple[float, float] | None = None
+    minus: tuple[bool, ...] = ()
 
     @staticmethod
     def of(file: Path, label: str | None = None) -> Name:
@@ -61,8 +69,9 @@ class Name:
         if found and (found[1] == "out_" or "." in found[4] + found[5]):
             place = int(found[2]), int(found[3])
             return Name(file, (found[1], "_", "_"), place, (float(found[4]), float(found[5])))
-        parts = re.split(r"(\d+)", stem)
-        return Name(file, tuple(parts[::2]), tuple(map(int, parts[1::2])))
+        parts = _NUMBER.split(stem)
+        minus = tuple(part.startswith("-") for part in parts[1::2])
+        return Name(file, tuple(parts[::2]), tuple(map(int, parts[1::2])), minus=minus)
 
     def tag(self, field: int) -> str:
         """Letters right before a number: u, v, row, ..."""
@@ -150,6 +159,8 @@ def place_views(path: Path, names: Sequence[Name], layout: Layout) -> tuple[list
     """
     alike = len({name.texts for name in names}) == 1
     fields = _varying(names) if alike else []
+    if (decimals := _as_decimals(names)) is not None:
+        names, fields = decimals, [0, 1]
     if len(fields) == 2:
         positions, grid = _by_row_and_column(names, fields)
         complete = grid[0] * grid[1] == len(set(positions)) == len(names)
@@ -216,6 +227,7 @@ def _without_others(found: Found, layout: Layout) -> Found:
         kinds[name.kind].append(name)
     if len(kinds) > 1 and not _fits(layout, len(views)):
         fitting = [names for names in kinds.values() if _fits(layout, len(names))]
+        fitting = [names for names in fitting if all(_is_named_after(each, names) for each in fitting)]
         if len(fitting) != 1:
             raise _others(kinds.values())
         remarks.append(
@@ -223,7 +235,38 @@ def _without_others(found: Found, layout: Layout) -> Found:
             f"{fitting[0][0].file.name}"
         )
         views = fitting[0]
-    return Found(tuple(views), tuple(remarks))
+    return Found(tuple(_without_hyphens(views)), tuple(remarks))
+
+
+def _is_named_after(others: Sequence[Name], names: Sequence[Name]) -> bool:
+    """Whether names are others' beginnings, as `0_0` is of `0_0_instances`."""
+    stems = tuple(name.file.stem for name in names)
+    return all(other.file.stem.startswith(stems) for other in others)
+
+
+def _without_hyphens(names: Sequence[Name]) -> list[Name]:
+    """The same where a minus that all names have before a number is none."""
+    if len({name.texts for name in names}) != 1:
+        return list(names)
+    hyphens = [all(signs) for signs in zip(*(name.minus for name in names), strict=True)]
+    return [
+        replace(name, numbers=tuple(abs(n) if h else n for n, h in zip(name.numbers, hyphens, strict=False)))
+        if hyphens
+        else name
+        for name in names
+    ]
+
+
+def _as_decimals(names: Sequence[Name]) -> list[Name] | None:
+    """Names that tell two numbers with decimals each, as whole numbers in units of their last decimal."""
+    parts = [_DECIMAL.split(name.file.stem) for name in names]
+    if len({tuple(part[::2]) for part in parts}) != 1 or len(parts[0]) != 5:
+        return None
+    unit = 10 ** max(len(number.partition(".")[2]) for part in parts for number in part[1::2])
+    return [
+        Name(name.file, tuple(part[::2]), tuple(int(Decimal(number) * unit) for number in part[1::2]))
+        for name, part in zip(names, parts, strict=True)
+    ]
 
 
 def _others(kinds: Iterable[list[Name]]) -> LightFieldError:
@@ -235,15 +278,23 @@ def _others(kinds: Iterable[list[Name]]) -> LightFieldError:
     more = f" (so are {named}{' and others' if len(others) > 3 else ''})" if named else ""
     return LightFieldError(
         f"{others[0]}: surplus picture{more}; expected names that differ from {usual.name} only in their "
-        "numbers; move it elsewhere, select the views (--pattern "
-        f"'{_pattern_of(groups[0])}'), or "
-        "give the grid if all are (--grid)"
+        f"numbers; move it elsewhere, {_pattern_of(groups[0], others)}"
+        "or give the grid if all are (--grid)"
     )
 
 
-def _pattern_of(names: Sequence[Name]) -> str:
-    """A pattern that fits names of one kind."""
-    return "*".join(names[0].texts) + names[0].file.suffix
+def _pattern_of(names: Sequence[Name], others: Sequence[Path]) -> str:
+    """Advice to select names of one kind, by a pattern that fits none of the others if there is one."""
+
+    def fits(file: Path, pattern: str) -> bool:
+        return fnmatch(file.name, pattern) or fnmatch(f"{file.parent.name}/{file.name}", pattern)
+
+    texts, suffix = names[0].texts, names[0].file.suffix
+    digits = re.sub(r"\d", "[0-9]", names[0].file.stem)
+    for pattern in ("*".join(texts) + suffix, digits + suffix):
+        if all(fits(name.file, pattern) for name in names) and not any(fits(f, pattern) for f in others):
+            return f"select the views (--pattern '{pattern}'), "
+    return "select the views (--pattern), "
 
 
 def _varying(names: Sequence[Name]) -> list[int]:

@@ -18,7 +18,7 @@ from lfdepth.io.alpha import without_alpha
 from lfdepth.io.extras import need_tifffile
 from lfdepth.io.pixels import encode_png
 from lfdepth.io.png_text import with_text
-from lfdepth.io.white import white_of_bits
+from lfdepth.io.white import white_of_bits, whole_samples
 
 ENDINGS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".ppm", ".pgm", ".pnm", ".exr")
 """File names that are taken for pictures."""
@@ -181,7 +181,7 @@ def _decode_png(path: Path, header: bytes) -> tuple[npt.NDArray[Any], str]:
 
 def _decode_tiff(path: Path) -> tuple[npt.NDArray[Any], str]:
     with need_tifffile(path).TiffFile(path) as file:
-        return decode_page(file.pages[0])
+        return decode_page(file.pages[0], str(path))
 
 
 def check_page(page: Any) -> None:
@@ -201,8 +201,8 @@ def check_page(page: Any) -> None:
         )
 
 
-def decode_page(page: Any) -> tuple[npt.NDArray[Any], str]:
-    """A page of a TIFF in native byte order, and the mode that it would have elsewhere."""
+def decode_page(page: Any, what: str) -> tuple[npt.NDArray[Any], str]:
+    """A page of a TIFF, called `what` in messages, in native byte order, and its mode elsewhere."""
     first = page.keyframe  # pages like the first have no tags of their own
     check_page(page)
     pixels = np.asarray(page.asarray())
@@ -212,9 +212,10 @@ def decode_page(page: Any) -> tuple[npt.NDArray[Any], str]:
         return pixels, f"{kind} with {str(bits)[:40]} bits"
     if pixels.dtype.kind == "f":
         pixels = pixels.astype(np.float32)
-    elif pixels.dtype not in (np.uint8, np.uint16):
+    elif pixels.dtype.kind not in "ui":
         return pixels, str(pixels.dtype)
-    pixels = pixels.astype(pixels.dtype.newbyteorder("="), copy=False)
+    else:
+        pixels = whole_samples(pixels, what)
     if pixels.ndim == 3 and first.planarconfig == 2:  # a plane for each channel
         pixels = np.moveaxis(pixels, 0, -1)
     if pixels.ndim == 2 or (pixels.ndim == 3 and pixels.shape[2] == 1):

@@ -20,6 +20,7 @@ from lfdepth.io.limits import unreadable as unreadable
 from lfdepth.io.notes import KEY, Notes, parse_notes
 from lfdepth.io.record import checked_map
 from lfdepth.io.source import ViewSource
+from lfdepth.io.white import whole_samples
 
 # What light field arrays are called, the likeliest first.
 NAMES = ("LF", "lf", "views", "light_field", "lightfield", "lightField", "LightField")
@@ -152,7 +153,7 @@ def open_stack(
     ------
     LightFieldError
         If the array is not the one that the notes are about, no order of axes fits, or the samples are
-        neither 8-bit, 16-bit nor float.
+        neither whole numbers nor float.
     """
     if notes is not None:
         _check_notes(array.shape, notes, path)
@@ -166,18 +167,23 @@ def open_stack(
     _check_samples(array.dtype, path)
     lengths = dict(zip(axes, array.shape, strict=True))
     numbered = "N" in lengths
-    grid = Layout(layout.grid).of_count(lengths["N"], str(path)) if numbered else (lengths["V"], lengths["U"])
-    if not numbered and layout.grid not in (None, grid):
+    stored = None if numbered else (lengths["V"], lengths["U"])
+    grid = layout.grid or stored
+    if stored is None or grid is None:
+        grid = Layout(layout.grid).of_count(lengths["N"], str(path))
+    elif grid != stored and (notes is not None or grid[0] * grid[1] != stored[0] * stored[1]):
         raise LightFieldError(
-            f"{path}: a grid of {size(grid)}; expected {size(layout.grid or grid)} as asked for; "
+            f"{path}: a grid of {size(stored)}; expected {size(grid)} as asked for; "
             "change the grid or leave it out"
         )
 
     def read_part(v: int, u: int, rows: slice, columns: slice) -> npt.NDArray[Any]:
-        at = {"N": v * grid[1] + u, "V": v, "U": u, "H": rows, "W": columns}
+        number = v * grid[1] + u
+        row, column = divmod(number, stored[1]) if stored else (v, u)
+        at = {"N": number, "V": row, "U": column, "H": rows, "W": columns}
         with readable(path):
             view = np.asarray(array[tuple(at.get(axis, slice(None)) for axis in axes)])
-        samples = _as_samples(_as_hwc(view, axes)[..., :channels])
+        samples = _as_samples(_as_hwc(view, axes)[..., :channels], f"{path}: view ({v}, {u})")
         return without_alpha(samples, f"{path}: view ({v}, {u})") if samples.shape[2] == _ALPHA else samples
 
     return ViewSource(
@@ -271,8 +277,9 @@ def _with_truth(source: ViewSource, arrays: Mapping[str, Array], name: str, axes
             continue
         for order in (axes.replace("C", ""), "".join(axis for axis in axes if axis in "HW")):
             if array.shape == tuple(lengths[axis] for axis in order):
-                v, u = source.grid
-                at = {"V": v // 2, "U": u // 2, "N": v // 2 * u + u // 2}
+                number = source.grid[0] // 2 * source.grid[1] + source.grid[1] // 2
+                row, column = divmod(number, lengths.get("U", 1))
+                at = {"V": row, "U": column, "N": number}
                 values = np.asarray(array[tuple(at.get(axis, slice(None)) for axis in order)])
                 upright = values if order.index("H") < order.index("W") else values.T
                 truth = checked_map(np.ascontiguousarray(upright), f"{source.name}: {other}", finite=False)
@@ -288,10 +295,10 @@ def _as_hwc(view: npt.NDArray[Any], axes: str) -> npt.NDArray[Any]:
 
 
 def _check_samples(dtype: np.dtype[Any], path: Path) -> None:
-    if dtype.newbyteorder("=") not in (np.uint8, np.uint16) and dtype.kind != "f":
-        raise LightFieldError(f"{path}: samples are {dtype}; expected uint8, uint16 or float; convert them")
+    if dtype.kind not in "uif":
+        raise LightFieldError(f"{path}: samples are {dtype}; expected whole numbers or float; convert them")
 
 
-def _as_samples(view: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Native byte order, and float32 for any float."""
-    return view.astype(np.float32 if view.dtype.kind == "f" else view.dtype.newbyteorder("="), copy=False)
+def _as_samples(view: npt.NDArray[Any], what: str) -> npt.NDArray[Any]:
+    """Native byte order; float32 for any float, 8 or 16 bits for whole numbers."""
+    return view.astype(np.float32, copy=False) if view.dtype.kind == "f" else whole_samples(view, what)

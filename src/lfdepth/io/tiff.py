@@ -52,6 +52,7 @@ def open_tiff(path: Path, layout: Layout) -> ViewSource:
         _check_order(file)
         stored = _Stored.of(file)
         description = str(file.pages[0].description)
+        windowed = stored.windowed()
     except Exception as error:  # tifffile raises many kinds on damaged files
         if file is not None:
             file.close()
@@ -61,7 +62,9 @@ def open_tiff(path: Path, layout: Layout) -> ViewSource:
     def read_view(v: int, u: int) -> npt.NDArray[Any]:
         try:
             with lock:
-                decoded = [stored.page(each) for each in stored.pages_of(v * grid[1] + u)]
+                decoded = [
+                    stored.page(each, f"{path}: page {each}") for each in stored.pages_of(v * grid[1] + u)
+                ]
         except LightFieldError:  # a ValueError, too
             raise
         except Exception as error:
@@ -97,7 +100,6 @@ def open_tiff(path: Path, layout: Layout) -> ViewSource:
     except BaseException:
         file.close()
         raise
-    windowed = stored.windowed()
     source = ViewSource(
         grid=grid,
         read_view=read_view,
@@ -206,11 +208,11 @@ class _Stored:
             raise stack.unreadable(path, ValueError("the file has become shorter"))
         return block.astype(order.newbyteorder("="), copy=False).reshape(shape)
 
-    def page(self, number: int) -> tuple[npt.NDArray[Any], str]:
-        """Pixels of a page, and their mode."""
+    def page(self, number: int, what: str) -> tuple[npt.NDArray[Any], str]:
+        """Pixels of a page, called `what` in messages, and their mode."""
         if self.planes is None:
-            return decode_page(self.series.pages[number])
-        return decode_page(_Plane(self.series.pages[0], self.planes[number]))
+            return decode_page(self.series.pages[number], what)
+        return decode_page(_Plane(self.series.pages[0], self.planes[number]), what)
 
 
 class _Plane:

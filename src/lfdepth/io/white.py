@@ -23,6 +23,24 @@ _CLIPPED = 0.005
 _UNDERSHOOT = 0.1
 
 
+def whole_samples(pixels: Array, what: str) -> Array:
+    """Whole numbers of any type as uint8 or uint16, whose white is found afterwards.
+
+    Raises
+    ------
+    LightFieldError
+        If some are negative or beyond 65535.
+    """
+    if pixels.dtype.newbyteorder("=") in (np.uint8, np.uint16):
+        return pixels.astype(pixels.dtype.newbyteorder("="), copy=False)
+    least, most = int(pixels.min(initial=0)), int(pixels.max(initial=0))
+    if least < 0 or most > WHITES[-1]:
+        raise LightFieldError(
+            f"{what}: samples of type {pixels.dtype} from {least} to {most}; expected 0 to 65535; scale them"
+        )
+    return pixels.astype(np.uint16)
+
+
 def white_of_bits(bits: int) -> float:
     """The value of white of samples with that many bits."""
     return float(2**bits - 1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar
 
@@ -119,11 +119,15 @@ class Maps:
     sigma
         (H, W) float32, standard error in px per view step of a pixel that is not wrong altogether; None from
         a method that does not tell.
+    standing_out
+        From pixels (N, 2), int64, to how much more of the views agree with the best disparity there than with
+        others, (N,) float32 in [0, 1]; None from a method that does not tell.
     """
 
     disparity: NDArray[np.float32]
     confidence: NDArray[np.float32]
     sigma: NDArray[np.float32] | None = None
+    standing_out: Callable[[NDArray[np.int64]], NDArray[np.float32]] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -127,10 +127,8 @@ class FbsVis(Method):
 
     def run(self, problem: Problem, work: Work) -> Maps:
         """A first map, its visibility and edges, the second count, gloss, and the map."""
-        rounds, planes = _ROUNDS[self.effort], len(problem.planes)
-        work.trace.steps(
-            planes + 1 + self.visibility * (planes + self.gloss + min(rounds, 1) + self.edge_net + 2)
-        )
+        planes, refines = len(problem.planes), self.refine_rule is not None
+        work.trace.steps(planes + 1 + self.visibility * (planes + self.gloss + refines + self.edge_net + 2))
         found = self._refined(problem, work)
         if not (self.visibility and self.edge_net):
             return found.maps
@@ -156,7 +154,7 @@ class FbsVis(Method):
     def _refined(self, problem: Problem, work: Work) -> _Refined:
         """All but the edge net."""
         lf, planes, engine, trace = problem.lf, problem.planes, work.engine, work.trace
-        rounds, rule, typical = _ROUNDS[self.effort], self.vote_rule, tuple[float, ...]()
+        rule, typical = self.vote_rule, tuple[float, ...]()
         with trace.block("preparation"):
             guide = guide_image(lf, self.guide)
             smoothing = GuidedFilter(guide, self.radius, self.epsilon, engine=engine)
@@ -191,15 +189,15 @@ class FbsVis(Method):
             confidence = edges.lower_confidence(confidence, disparity)
         trace.take("edges", disparity)
         trace.step("edges")
-        if rounds > 0:
+        if (refining := self.refine_rule) is not None:
             with trace.block("refinement"):
                 second = energy.ask_signs if self.faint else None
                 known = problem.measured.typical if problem.measured else ()
-                refined = refine_map(lf, disparity, RefineRule(rounds=rounds), engine, second, known)
+                refined = refine_map(lf, disparity, refining, engine, second, known)
                 disparity, sigma, typical = refined.disparity, refined.sigma, refined.typical
             trace.take("refined", disparity)
             trace.step("refinement")
-        return _Refined(Maps(disparity, confidence, sigma), before, typical)
+        return _Refined(Maps(disparity, confidence, sigma, energy.standing_out), before, typical)
 
     def _energy(self, problem: Problem, guide: NDArray[np.float32], work: Work) -> JointEnergy:
         """The energy, on every second plane until the first map, where there is a second count."""
@@ -216,6 +214,12 @@ class FbsVis(Method):
             noise=problem.noise,
             borders=problem.borders,
         )
+
+    @property
+    def refine_rule(self) -> RefineRule | None:
+        """Rounds of the refinement; None if there is none."""
+        rounds = _ROUNDS[self.effort]
+        return RefineRule(rounds=rounds) if rounds else None
 
     @property
     def joint_rule(self) -> JointRule:

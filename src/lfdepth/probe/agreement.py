@@ -28,7 +28,9 @@ _FEWEST, _NEAR = 40, 2
 _ALIKE, _STEADY, _SWING, _SWINGS, _ALTERNATING = 0.5, 0.1, 0.4, 4.5, 0.13
 
 
-def disagreement(lf: LightField, disparity: NDArray[Any], *, engine: Engine | None = None) -> Array:
+def disagreement(
+    lf: LightField, disparity: NDArray[Any], *, engine: Engine | None = None
+) -> tuple[NDArray[np.int64], Array]:
     """How far views differ from the reference view at a disparity, as a share of the contrast around.
 
     Of textured points only. Near 0 where the typical view shows what the reference view shows, near 1 where
@@ -36,7 +38,7 @@ def disagreement(lf: LightField, disparity: NDArray[Any], *, engine: Engine | No
 
     Returns
     -------
-    (N,) array, one value for each point.
+    points, (N, 2) pixels; (N,) array, one value for each.
     """
     grey = box_mean(luma(lf.reference) / np.float32(lf.full_scale), _REACH, np.float32)
     contrast = np.zeros_like(grey)
@@ -49,7 +51,7 @@ def disagreement(lf: LightField, disparity: NDArray[Any], *, engine: Engine | No
     chosen = np.argwhere(inner & (contrast > _CONTRAST) & np.isfinite(disparity))
     chosen = chosen[:: max(1, -(-len(chosen) // _POINTS))].astype(np.int64)
     if not len(chosen):
-        return np.zeros(0)
+        return np.zeros((0, 2), np.int64), np.zeros(0)
     at = chosen[:, 0], chosen[:, 1]
     with using(engine) as used:
         levels, valid = used.window_means(used.views(lf), chosen, disparity[at].astype(np.float64), _REACH)
@@ -58,7 +60,8 @@ def disagreement(lf: LightField, disparity: NDArray[Any], *, engine: Engine | No
     change = np.sort(np.where(seen, change, np.inf), axis=0)
     count = seen.sum(axis=0)
     typical = change[np.minimum(count // 2, len(change) - 1), np.arange(len(chosen))]
-    return np.asarray((typical / contrast[at])[count > 4], np.float64)
+    told = count > 4
+    return chosen[told], np.asarray((typical / contrast[at])[told], np.float64)
 
 
 def likeness(

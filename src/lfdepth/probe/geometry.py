@@ -340,12 +340,18 @@ def _solved(
 
 
 def _without_scale(moved: Array, steps: Array) -> Array:
-    """Steps (V, U, 2) without what a common factor of all disparities would do; rows give the scale."""
-    across = steps[..., 1]
-    scale = float((moved[..., 1] * across).sum() / max((across**2).sum(), 1e-9)) if across.any() else 0.0
-    if not across.any():
-        scale = float((moved[..., 0] * steps[..., 0]).sum() / max((steps[..., 0] ** 2).sum(), 1e-9))
-    return (moved - scale * steps) / (1 + scale)
+    """Steps (V, U, 2) without what a common factor of all disparities would do; rows give the scale.
+
+    Nor with a tilt, where all views stand in one line: a disparity of its own for each point makes up for
+    that, too, so that the views do not tell it.
+    """
+    axis = 1 if steps[..., 1].any() else 0
+    line = steps[..., axis]
+    along = np.einsum("vuk,vu->k", moved, line) / max(float((line**2).sum()), 1e-9)
+    if not steps[..., 1 - axis].any():
+        moved = moved.copy()
+        moved[..., 1 - axis] -= along[1 - axis] * line
+    return np.asarray((moved - along[axis] * steps) / (1 + along[axis]))
 
 
 def _irregular(moved: Array, steps: Array) -> Array:

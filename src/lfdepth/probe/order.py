@@ -10,6 +10,9 @@ Which sign is right shows where surfaces hide each other: the nearer one, of lar
 Serpentine order: where every second row of views runs back, the first views of two rows stand at opposite
 ends of the grid, and differ more than the first of one does from the last of the other.
 
+Another grid: where the ends of rows, or the tiles of a picture, lie elsewhere than they were read, the views
+are looked at once more in that grid, and only if they are in place there it is what is advised.
+
 All of it is to hold where brightness differs between the views: orders are compared by local contrast, and
 for the sign the views are made alike first. What is found counts only if nearly all views then show what the
 reference view shows.
@@ -41,7 +44,8 @@ from lfdepth.probe.matching import (
     shrink_to,
     widest,
 )
-from lfdepth.probe.ranges import COARSE, SLACK, coarse_range, ends
+from lfdepth.probe.ranges import COARSE, SLACK, WIDER, coarse_range, ends
+from lfdepth.probe.regrid import in_other_rows, in_other_tiles
 
 # Shorter side, px, of the views that are compared; for the sign, larger ones if the first do not decide it.
 _SIDES = 256, 512
@@ -137,6 +141,8 @@ class Orientation:
     in_place
         Share of the views that show what the reference view shows, once they are in the best order; 0 where
         that repeats along the grid.
+    grid
+        (V, U), rows and columns as stored, if the views were taken on another grid than they were read with.
     """
 
     reordering: Reordering
@@ -147,6 +153,7 @@ class Orientation:
     order_decided: bool
     sign_decided: bool
     in_place: float = 1.0
+    grid: tuple[int, int] | None = None
 
     @property
     def decided(self) -> bool:
@@ -155,7 +162,9 @@ class Orientation:
 
     @property
     def wrong(self) -> bool:
-        """Whether the views are known to be in another order than they should be."""
+        """Whether the views are known to be in another order, or on another grid, than they should be."""
+        if self.grid is not None:
+            return True
         possible = {self.reordering} if self.sign_decided else {self.reordering, self.opposite}
         return self.order_decided and self.applied not in possible
 
@@ -175,7 +184,10 @@ class Orientation:
             )
         use, opposite = self._advice(self.reordering), self._advice(self.opposite)
         if self.wrong:
-            found = f"views are not in the expected order, top to bottom and left to right; {use}"
+            what = "views are not in the expected order, top to bottom and left to right"
+            if self.grid is not None:
+                what = "views were taken on another grid than they are read with"
+            found = f"{what}; {use}"
             return (
                 found if self.sign_decided else f"{found}, or, if near and far come out swapped, {opposite}"
             )
@@ -187,8 +199,25 @@ class Orientation:
             f"surfaces hide each other; if near and far come out swapped, {other}"
         )
 
+    @property
+    def call(self) -> str:
+        """What reads the views in order in Python, such as "read(path, grid=(6, 6), flip_u=True)"."""
+        if self.grid is None:
+            return self.reordering.call
+        return self.reordering.call.replace("path", f"path, grid={self.grid}", 1)
+
+    @property
+    def options(self) -> str:
+        """The options that read the views in order, such as "--grid 6x6 --flip-u"; empty if it needs none."""
+        return self._options(self.reordering)
+
+    def _options(self, reordering: Reordering) -> str:
+        grid = "" if self.grid is None else f"--grid {self.grid[1]}x{self.grid[0]} "
+        return f"{grid}{reordering.options}".rstrip()
+
     def _advice(self, reordering: Reordering) -> str:
-        return f"use {reordering.options}" if reordering.options else f"leave out {self.applied.options}"
+        options = self._options(reordering)
+        return f"use {options}" if options else f"leave out {self.applied.options}"
 
 
 def check_orientation(
@@ -236,17 +265,45 @@ def check_orientation(
     with using(engine, threads=threads) as used:
         if lf.positions is None and _runs_back(lf, applied):
             base = Reordering(serpentine=not applied.serpentine)
-            return _ordered(_unwound(applied.undone(lf)), base, applied, used)
-        return _ordered(lf, applied, applied, used)
+            found = _ordered(_unwound(applied.undone(lf)), base, applied, used)
+        else:
+            found = _ordered(lf, applied, applied, used)
+        return find_grid(lf, used, applied=applied) or found
+
+
+def find_grid(lf: LightField, engine: Engine, *, applied: Reordering = AS_STORED) -> Orientation | None:
+    """What the pixels say of the views on another grid, if they were taken on that.
+
+    Parameters
+    ----------
+    lf
+        Light field as it was read.
+    engine
+        Engine.
+    applied
+        The options it was read with.
+    """
+    if lf.positions is not None:
+        return None
+    stored = applied.undone(lf)
+    for other in (in_other_rows(stored), in_other_tiles(stored)):
+        if other is None:
+            continue
+        found = _ordered(other, AS_STORED, AS_STORED, engine)
+        if found.order_decided:
+            return replace(found, applied=applied, grid=(other.shape[0], other.shape[1]))
+    return None
 
 
 def _ordered(lf: LightField, base: Reordering, applied: Reordering, engine: Engine) -> Orientation:
     """What the pixels say of views that were read with `base`, every row in one direction."""
-    limit = widest(lf)
-    probe = make_probe(lf, limit, shrink_to(lf, _SIDES[0]), _RINGS, contrast=True)
-    order, found, agreeing, decisive = _find_order(probe, limit, engine)
-    in_place = _share_in_place(lf, order, probe, found, engine)
-    decided = decisive >= _DECISIVE and agreeing >= _AGREEING and in_place >= _IN_PLACE
+    for limit in (widest(lf), WIDER * widest(lf)):
+        probe = make_probe(lf, limit, shrink_to(lf, _SIDES[0]), _RINGS, contrast=True)
+        order, found, agreeing, decisive = _find_order(probe, limit, engine)
+        in_place = _share_in_place(lf, order, probe, found, engine)
+        decided = decisive >= _DECISIVE and agreeing >= _AGREEING and in_place >= _IN_PLACE
+        if decided:
+            break
     sign = _find_sign(lf, order, found, probe, limit, engine) if decided else _Sign()
     expected, opposite = _remedies(lf, order)
     if sign.decided and sign.far_wins > sign.near_wins:

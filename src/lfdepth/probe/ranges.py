@@ -54,8 +54,11 @@ _BEYOND = Evidence(share=1e-2, neighbours=6)
 # Of views next to the reference view, which tell of surfaces that the outer ones no longer show.
 _NEXT = Evidence(share=2e-2, neighbours=6)
 _NEXT_VIEWS, _NEXT_IN_ROW = 3, 5
-# The wider limit, of the usual one, and the part of a limit from which on a range is thought to be cut off.
-_WIDER, _CUT_OFF, _SMALL_SIDE = 2.2, 0.95, 96
+WIDER = 2.2
+"""The wider limit, of the usual one."""
+
+# The part of a limit from which on a range is thought to be cut off; shorter side of small pictures, px.
+_CUT_OFF, _SMALL_SIDE = 0.95, 96
 _FEWEST = 8
 _RINGS = 1.0, 1 / 3
 # Shorter side, px, of the views for either sweep.
@@ -125,7 +128,7 @@ def find_range(
         raise LightFieldError(f"limit: found {limit}, expected a positive number of px per view step")
     with using(engine, threads=threads) as used:
         if given is None and _reaches_beyond(lf, limit, used):
-            limit *= _WIDER
+            limit *= WIDER
         found = coarse_range(make_probe(lf, limit, shrink_to(lf, _COARSE_SIDE), _RINGS), limit, used)
         hidden = given is None and _is_beyond_in_next(lf, limit, used)
         if found is not None:
@@ -155,7 +158,7 @@ def margin(lf: LightField) -> float:
 
 def _reaches_beyond(lf: LightField, limit: float, engine: Engine) -> bool:
     """Whether small pictures show surfaces beyond a limit."""
-    wider = _WIDER * limit
+    wider = WIDER * limit
     probe = make_probe(lf, wider, shrink_to(lf, _SMALL_SIDE), _RINGS)
     found = ends(match(probe, plane_range(-wider, wider, probe.unit), engine), probe.unit, _BEYOND)
     return found is not None and max(-found[0], found[1]) > _CUT_OFF * limit - probe.unit
@@ -166,7 +169,7 @@ def _is_beyond_in_next(lf: LightField, limit: float, engine: Engine) -> bool:
     most = _NEXT_VIEWS if min(lf.shape[:2]) > 1 else _NEXT_IN_ROW
     v, u = (min(most, size) for size in lf.shape[:2])
     inner = lf.angular_crop(v, u)
-    wider = _WIDER * widest(inner)
+    wider = WIDER * widest(inner)
     if inner.shape == lf.shape or wider <= limit or np.count_nonzero(inner.available) < 2:
         return False
     probe = make_probe(inner, wider, shrink_to(inner, _SMALL_SIDE), (1.0,))

@@ -13,10 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfdepth.blocks.edge_net import decide_sides
 from lfdepth.blocks.edges import DepthEdges, EdgeRule
 from lfdepth.blocks.energy import JointEnergy
 from lfdepth.blocks.noise import residual, threshold_bounds
 from lfdepth.blocks.photo import local_thresholds, thinned
+from lfdepth.blocks.refine import refine_map
 from lfdepth.blocks.smoothing import GuidedFilter, guide_image
 from lfdepth.blocks.sweep import smoothed_votes
 from lfdepth.engines import single
@@ -45,6 +47,13 @@ _GLOSS = 8
 
 _EPI = 32
 """Px on either side of the pixel in its epipolar-plane images."""
+
+_LATER = {
+    "refinement": "refinement between planes",
+    "faint surfaces": "signs on faint surfaces",
+    "edge net": "network at depth edges",
+}
+"""Blocks after the edges that a method may leave out, and what their stages are called."""
 
 _KEPT = ("smoothed", "sign energies", "shares", "joint energies", "paths", "decisions")
 
@@ -297,7 +306,19 @@ class Explainer:
             energy.replace_glossy((rows, columns))
         energy.decide()
         edges = DepthEdges(lf, EdgeRule(passes=method.edge_passes), engine=engine)
-        trace.kept["edges"] = [edges.decide(trace.kept["decisions"][1])]
+        before = trace.kept["decisions"][1]
+        surface = edges.decide(before)
+        trace.kept["edges"] = [surface]
+        rule = method.refine_rule
+        if rule is not None:
+            surface = refine_map(lf, surface, rule, engine).disparity
+            trace.kept["refinement"] = [surface]
+            if method.faint:
+                signs = refine_map(lf, trace.kept["edges"][0], rule, engine, energy.ask_signs)
+                surface = signs.disparity
+                trace.kept["faint surfaces"] = [surface]
+        if method.edge_net:
+            trace.kept["edge net"] = [decide_sides(lf, surface, before, engine=engine)]
         return trace
 
     def _stages(self, blocks: Trace, at: tuple[int, int], shown: float) -> tuple[Stage, ...]:
@@ -311,6 +332,11 @@ class Explainer:
             Stage("paths from the neighbours", float(blocks.kept["paths"][1][at])),
             Stage("planes fitted between planes", float(blocks.kept["decisions"][1][at])),
             Stage("depth edges", float(blocks.kept["edges"][0][at])),
+            *(
+                Stage(name, float(blocks.kept[kept][0][at]))
+                for kept, name in _LATER.items()
+                if kept in blocks.kept
+            ),
             Stage("the map", shown),
         )
 
@@ -393,7 +419,7 @@ def _decision(stages: tuple[Stage, ...], step: float, elsewhere: bool) -> tuple[
     signs, photo, *chain = stages
     for before, after in zip(chain[-2::-1], chain[:0:-1], strict=True):
         if abs(after.disparity - before.disparity) > step / 2:
-            what = "The refinement between planes, or what lies beyond this window"
+            what = "What lies beyond this window"
             what = "Whoever made the map: these blocks end elsewhere" if elsewhere else what
             return after.name, f"{what if after is chain[-1] else after.name.capitalize()}."
     own = chain[0]
