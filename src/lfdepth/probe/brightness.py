@@ -407,15 +407,18 @@ class _Fit:
         """The same parts of the model, fitted to better samples; offsets, too, if only these show them."""
         other = copy(self)
         other.levels, other.valid, other.terms = levels, valid, terms
-        other.gain, other.offset = self.gain.copy(), self.offset.copy()
         other.fit(again=True)
+        if other.with_vignetting:
+            other._choose_power()
         if not other.with_offset:
             other._try_offsets()
         return other
 
     def fit(self, again: bool = False) -> None:
         """Shading from logarithms, gains and offsets by channel, in turn; `again` from those found."""
-        if not again:
+        if again:  # copies of this share the arrays
+            self.gain, self.offset = self.gain.copy(), self.offset.copy()
+        else:
             views, _, channels = self.levels.shape
             self.gain, self.offset = np.ones((views, channels)), np.zeros((views, channels))
             self.shading = np.zeros((views, 5))
@@ -593,9 +596,11 @@ class _Fit:
         """The way of falling that leaves the least difference."""
         best = dict(vars(self))
         least = self.left
-        for power in _POWERS[1:]:
+        for power in _POWERS:
+            if power == best["power"]:
+                continue
             self.power = power
-            self.fit()
+            self.fit(again=True)
             if self.left < least:
                 best, least = dict(vars(self)), self.left
         vars(self).update(best)
