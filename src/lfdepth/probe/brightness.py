@@ -34,8 +34,8 @@ _SIDE, _WINDOWS = 256, 64
 _SMALLEST = 64
 _TOO_SMALL = f"views under {_SMALLEST} px"
 _RINGS = 1.0, 1 / 3
-# Samples at most, and at least.
-_SAMPLES, _FEWEST = 2000, 100
+# Samples at most, the second time, many of them hidden, and at least.
+_SAMPLES, _SAMPLES_AGAIN, _FEWEST = 2000, 4000, 100
 # Turns of fitting shading, then gains and offsets.
 _TURNS = 3
 # Multiples of the scatter up to which samples are trusted, round by round. What is hidden in part, as behind
@@ -334,7 +334,7 @@ def _once_more(
     """Fitted again to what each view shows according to a map by the levels of the views made equal."""
     surface, unit = surface_map(equalise(lf, found), range, _SIDE, _RINGS, engine)
     reach = max(1, min(lf.height, lf.width) // _WINDOWS // 4)
-    points, d = _points(of_one_surface(surface, unit), lf.shape[2:4], reach)
+    points, d = _points(of_one_surface(surface, unit), lf.shape[2:4], reach, _SAMPLES_AGAIN)
     if d.size < _FEWEST:
         return found
     levels, valid, terms = _samples(lf, points, d, reach, engine)
@@ -374,10 +374,12 @@ def _unknown(lf: LightField) -> Equalisation:
     )
 
 
-def _points(disparity: NDArray[Any], size: tuple[int, int], reach: int) -> tuple[NDArray[np.int64], Array]:
+def _points(
+    disparity: NDArray[Any], size: tuple[int, int], reach: int, most: int = _SAMPLES
+) -> tuple[NDArray[np.int64], Array]:
     """Pixels (N, 2) of the reference view with a known disparity, spread evenly, and that."""
     known = np.flatnonzero(np.isfinite(disparity))
-    chosen = known[:: max(1, -(-known.size // _SAMPLES))]
+    chosen = known[:: max(1, -(-known.size // most))]
     scale = np.array(size) / disparity.shape
     places = np.stack(np.divmod(chosen, disparity.shape[1]), axis=-1)
     points: NDArray[np.int64] = ((places + 0.5) * scale).astype(np.int64)
