@@ -73,17 +73,17 @@ def test_offsets_are_found_behind_wires() -> None:
     case = Imperfections(offset=0.02, noise=NOISE)
     spoiled = spoil(lf, case)
     assert lfdepth.measure_brightness(spoiled).offset.any()
-    assert np.sqrt((_means(spoiled, case) ** 2).mean()) < 0.6e-3
+    assert np.sqrt((_means(spoiled, case) ** 2).mean()) < 0.33e-3
 
 
 def test_white_balance_does_not_pass_for_shading() -> None:
-    """What is red would seem to be darker in views of less red, wherever in the picture it lies."""
-    lf = scenes.render("leaves", size=128, views=9, seed=3, samples=1)
-    case = Imperfections(white_balance=0.08, vignetting=0.7, noise=NOISE)
+    """What is red would seem darker in views of less red, wherever it lies: 1.8 thousandths were left."""
+    lf = scenes.render("demo", size=128, views=5, seed=3, samples=1)
+    case = Imperfections(white_balance=0.08, vignetting=0.7, wandering=0.3, noise=NOISE)
     spoiled = spoil(lf, case)
     mended = _blocks(lfdepth.equalise(spoiled, lfdepth.measure_brightness(spoiled)))
     ratio = mended / _blocks(unspoil(spoiled, case))
-    assert np.sqrt(((ratio / ratio[4, 4] - 1) ** 2).mean()) < 0.85e-3
+    assert np.sqrt(((ratio / ratio[2, 2] - 1) ** 2).mean()) < 1.15e-3
 
 
 def _means(spoiled: LightField, case: Imperfections) -> np.ndarray:

@@ -4,6 +4,8 @@ Rigs have a gain and an offset per camera; plenoptic cameras darken towards the 
 corners of every view. A first, coarse map that looks at local contrast, which a gain does not change, says
 which blocks of the views show the same surface. There the levels of a view are a low polynomial over the view
 times those of the scene, plus an offset: few parameters, so that nothing of the scene itself goes into them.
+Where these have to be corrected, a second map, by the levels of the views made equal, says which views show a
+point at all, and the parameters are fitted once more to these.
 """
 
 from __future__ import annotations
@@ -389,6 +391,9 @@ def _points(
 
 class _Fit:
     """Gain, offset and shading per view, fitted robustly to samples."""
+
+    gain: Array
+    offset: Array
 
     def __init__(
         self,
