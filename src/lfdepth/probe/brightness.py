@@ -4,6 +4,8 @@ Rigs have a gain and an offset per camera; plenoptic cameras darken towards the 
 corners of every view. A first, coarse map that looks at local contrast, which a gain does not change, says
 which blocks of the views show the same surface. There the levels of a view are a low polynomial over the view
 times those of the scene, plus an offset: few parameters, so that nothing of the scene itself goes into them.
+Where these have to be corrected, a second map, by the levels of the views made equal, says which views show a
+point at all, and the parameters are fitted once more to these.
 """
 
 from __future__ import annotations
@@ -21,6 +23,7 @@ from lfdepth.lightfield import FULL_SCALE, LUMA, LightField, reference_index
 from lfdepth.probe.levels import unevenness, view_levels
 from lfdepth.probe.matching import make_probe, match, plane_range, shrink_to, widest
 from lfdepth.probe.ranges import coarse_range
+from lfdepth.probe.visibility import hidden, of_one_surface, surface_map
 
 if TYPE_CHECKING:
     from lfdepth.engines.base import Engine
@@ -33,8 +36,8 @@ _SIDE, _WINDOWS = 256, 64
 _SMALLEST = 64
 _TOO_SMALL = f"views under {_SMALLEST} px"
 _RINGS = 1.0, 1 / 3
-# Samples at most, and at least.
-_SAMPLES, _FEWEST = 2000, 100
+# Samples at most, the second time, many of them hidden, and at least.
+_SAMPLES, _SAMPLES_AGAIN, _FEWEST = 2000, 4000, 100
 # Turns of fitting shading, then gains and offsets.
 _TURNS = 3
 # Multiples of the scatter up to which samples are trusted, round by round. What is hidden in part, as behind
@@ -281,7 +284,7 @@ def measure_brightness(
     with using(engine, threads=threads) as used:
         if disparity is None:
             disparity = first_map(lf, range, used)
-        return _fitted(lf, disparity, used)
+        return _fitted(lf, disparity, range, used)
 
 
 def first_map(
@@ -309,7 +312,9 @@ def _shaded(polynomial: NDArray[Any], power: float) -> Array:
     return np.asarray(np.maximum(1 + polynomial / power, _LEAST_FACTOR) ** power, np.float64)
 
 
-def _fitted(lf: LightField, disparity: NDArray[Any] | None, engine: Engine) -> Equalisation:
+def _fitted(
+    lf: LightField, disparity: NDArray[Any] | None, range: tuple[float, float] | None, engine: Engine
+) -> Equalisation:
     """The parameters that samples of the views ask for."""
     if disparity is None:
         return _unknown(lf)
@@ -317,17 +322,44 @@ def _fitted(lf: LightField, disparity: NDArray[Any] | None, engine: Engine) -> E
     points, d = _points(disparity, lf.shape[2:4], reach)
     if d.size < _FEWEST:
         return _unknown(lf)
-    views = engine.views(lf)
-    levels, valid = engine.window_means(views, points, d, reach)
+    first = _Fit(*_samples(lf, points, d, reach, engine), lf.shape[:2])
+    found = first.result(lf.available)
+    if not found.needed:
+        return found
+    known = disparity[np.isfinite(disparity)]
+    return _once_more(lf, first, found, range or (float(known.min()), float(known.max())), engine)
+
+
+def _once_more(
+    lf: LightField, first: _Fit, found: Equalisation, range: tuple[float, float], engine: Engine
+) -> Equalisation:
+    """Fitted again to what each view shows according to a map by the levels of the views made equal."""
+    surface, unit = surface_map(equalise(lf, found), range, _SIDE, _RINGS, engine)
+    reach = max(1, min(lf.height, lf.width) // _WINDOWS // 4)
+    points, d = _points(of_one_surface(surface, unit), lf.shape[2:4], reach, _SAMPLES_AGAIN)
+    if d.size < _FEWEST:
+        return found
+    levels, valid, terms = _samples(lf, points, d, reach, engine)
+    seen = valid & ~hidden(lf, surface, unit, points, d, engine)[..., None]
+    told = seen.all(axis=-1).sum(axis=1) >= _FEWEST
+    again = first.again(levels, np.where(told[:, None, None], seen, valid), terms)
+    return again.result(lf.available, found.left_out)
+
+
+def _samples(
+    lf: LightField, points: NDArray[np.int64], disparity: Array, reach: int, engine: Engine
+) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.float32]]:
+    """Levels (V·U, N, C) of points in all views, of full scale, whether they are known, and their terms."""
+    levels, valid = engine.window_means(engine.views(lf), points, disparity, reach)
     levels /= lf.full_scale
     steps = lf.offsets.reshape(-1, 2)
     terms = _terms(
         *(
-            2 * (at - d * step[:, None]) / max(size - 1, 1) - 1
+            2 * (at - disparity * step[:, None]) / max(size - 1, 1) - 1
             for at, step, size in zip(points.T, steps.T, lf.shape[2:4], strict=True)
         )
     )
-    return _Fit(levels, valid, terms, lf.shape[:2]).result(lf.available)
+    return levels, valid, terms
 
 
 def _unknown(lf: LightField) -> Equalisation:
@@ -344,10 +376,12 @@ def _unknown(lf: LightField) -> Equalisation:
     )
 
 
-def _points(disparity: NDArray[Any], size: tuple[int, int], reach: int) -> tuple[NDArray[np.int64], Array]:
+def _points(
+    disparity: NDArray[Any], size: tuple[int, int], reach: int, most: int = _SAMPLES
+) -> tuple[NDArray[np.int64], Array]:
     """Pixels (N, 2) of the reference view with a known disparity, spread evenly, and that."""
     known = np.flatnonzero(np.isfinite(disparity))
-    chosen = known[:: max(1, -(-known.size // _SAMPLES))]
+    chosen = known[:: max(1, -(-known.size // most))]
     scale = np.array(size) / disparity.shape
     places = np.stack(np.divmod(chosen, disparity.shape[1]), axis=-1)
     points: NDArray[np.int64] = ((places + 0.5) * scale).astype(np.int64)
@@ -357,6 +391,9 @@ def _points(disparity: NDArray[Any], size: tuple[int, int], reach: int) -> tuple
 
 class _Fit:
     """Gain, offset and shading per view, fitted robustly to samples."""
+
+    gain: Array
+    offset: Array
 
     def __init__(
         self,
@@ -371,9 +408,24 @@ class _Fit:
         self.luma = LUMA if levels.shape[2] == 3 else np.ones(1, np.float32)
         self.select()
 
+    def again(
+        self, levels: NDArray[np.float32], valid: NDArray[np.bool_], terms: NDArray[np.float32]
+    ) -> _Fit:
+        """The same parts of the model, fitted to better samples; offsets, too, if only these show them."""
+        other = copy(self)
+        other.levels, other.valid, other.terms = levels, valid, terms
+        other.fit(again=True)
+        if other.with_vignetting:
+            other._choose_power()
+        if not other.with_offset:
+            other._try_offsets()
+        return other
+
     def fit(self, again: bool = False) -> None:
         """Shading from logarithms, gains and offsets by channel, in turn; `again` from those found."""
-        if not again:
+        if again:  # copies of this share the arrays
+            self.gain, self.offset = self.gain.copy(), self.offset.copy()
+        else:
             views, _, channels = self.levels.shape
             self.gain, self.offset = np.ones((views, channels)), np.zeros((views, channels))
             self.shading = np.zeros((views, 5))
@@ -390,7 +442,9 @@ class _Fit:
     def _fit_shading(self) -> None:
         """Vignetting that all views share, and what each view has besides, from logarithms of the luma."""
         views, count, _ = self.levels.shape
-        lit = (self.levels - self.offset[:, None].astype(np.float32)) @ self.luma
+        # channels as they weigh in the reference view: else what is red seems shaded where red gains differ
+        even = (self.levels - self.offset[:, None].astype(np.float32)) / self.gain[:, None].astype(np.float32)
+        lit = even @ self.luma
         usable = self.valid.all(axis=-1) & (lit > _DARK) & (lit[self.centre] > _DARK)
         lit = np.maximum(lit, _DARK)
         radius = self.terms[..., 2] + self.terms[..., 4]
@@ -471,8 +525,8 @@ class _Fit:
         if self.with_vignetting:
             self._choose_power()
         self._try_offsets()
-        if self.with_offset and self.with_vignetting:
-            self.fit(again=True)  # they explain some of each other
+        if self.with_vignetting:
+            self.fit(again=True)  # gains, offsets and shading explain some of each other
         if self.with_shading:
             self.one_lens = not self._own_shading()
         if self.one_lens:
@@ -549,9 +603,11 @@ class _Fit:
         """The way of falling that leaves the least difference."""
         best = dict(vars(self))
         least = self.left
-        for power in _POWERS[1:]:
+        for power in _POWERS:
+            if power == best["power"]:
+                continue
             self.power = power
-            self.fit()
+            self.fit(again=True)
             if self.left < least:
                 best, least = dict(vars(self)), self.left
         vars(self).update(best)
@@ -588,9 +644,9 @@ class _Fit:
         usual = np.median(share[share > 0]) if (share > 0).any() else 1.0
         return np.asarray((mean < _DARKEST * mean[self.centre]) | (share < _AGREEING * usual))
 
-    def result(self, present: NDArray[np.bool_]) -> Equalisation:
-        """What was found, views that are unlike the others left out."""
-        left_out = present.reshape(-1) & self.unlike()
+    def result(self, present: NDArray[np.bool_], left_out: NDArray[np.bool_] | None = None) -> Equalisation:
+        """What was found, views left out that are unlike the others, if it is not said which these are."""
+        left_out = present.reshape(-1) & (self.unlike() if left_out is None else left_out.reshape(-1))
         left_out[self.centre] = False
         used = present.reshape(-1) & ~left_out
         effect = np.where(used, self.effect(), 0)
