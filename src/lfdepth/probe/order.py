@@ -367,8 +367,7 @@ def _find_sign(
             shades = measure_shades(grey, found, order)
         grey = shades.evened(grey)
         closer = match(grey, plane_range(*span, grey.unit / 2), engine, order, halves=True)
-        pixels = _Pixels(grey, closer, order)
-        pixels.errors = engine.each(pixels.error, range(len(grey.views)))
+        pixels = _Pixels(grey, closer, order, engine)
         counts = engine.each(pixels.occlusions, range(len(grey.views)))
         sign = _Sign(sum(near for near, _ in counts), sum(far for _, far in counts))
         if sign.decided:
@@ -379,7 +378,7 @@ def _find_sign(
 class _Pixels:
     """The certain pixels of the reference view, from far to near."""
 
-    def __init__(self, probe: Probe, found: Match, order: Order) -> None:
+    def __init__(self, probe: Probe, found: Match, order: Order, engine: Engine) -> None:
         self.probe = probe
         self.grid = probe.ordered(order)
         places = np.flatnonzero(found.certain)
@@ -387,7 +386,7 @@ class _Pixels:
         self.disparity = found.disparity.flat[places]
         self.y, self.x = np.divmod(places, found.disparity.shape[1])
         self.level = probe.reference.flat[places]
-        self.errors: list[NDArray[np.float32]] = []
+        self.errors = engine.each(self._error, range(len(probe.views)))
 
     def occlusions(self, view: int) -> tuple[int, int]:
         """How often two surfaces meet in a pixel of a view that shows the nearer one, or the farther one.
@@ -434,7 +433,7 @@ class _Pixels:
         several = near != far
         return near[several], far[several]
 
-    def error(self, view: int) -> NDArray[np.float32]:
+    def _error(self, view: int) -> NDArray[np.float32]:
         """Difference between the view, where the pixels appear in it, and the pixels; infinite outside."""
         y, x = self._landing(view)
         height, width = self.probe.reference.shape
