@@ -119,6 +119,23 @@ def test_arrays_go_up_and_come_down(used: Engine) -> None:
     assert (tuple(empty.shape), np.dtype(empty.dtype)) == ((2, 3), np.dtype(np.float32))
 
 
+@pytest.mark.parametrize("name", engines.NAMES)
+@pytest.mark.parametrize("count", [0, 1, 2, 9])
+def test_what_is_done_for_each_comes_back_in_order(name: str, count: int) -> None:
+    """Every item is done once, whichever thread does it; what goes wrong there is raised here."""
+    with engines.engine(name, threads=3) as started:
+        done: list[int] = []
+
+        def act(item: int) -> int:
+            done.append(item)
+            return item * item
+
+        assert started.each(act, iter(range(count))) == [item**2 for item in range(count)]
+        assert sorted(done) == list(range(count))
+        with pytest.raises(ZeroDivisionError):
+            started.each(lambda item: 1 // item, [1, 2, 0, 3])
+
+
 # A first look
 
 

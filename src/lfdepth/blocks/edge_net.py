@@ -37,7 +37,7 @@ _JUMP = 0.15  # px per view step between neighbours that make an edge
 # rim is darker than its inside, and looks like a mixture with what is dark behind it.
 _CLEARLY_NEAR, _CLEARLY_FAR = 1.0, 2.5
 _REACH, _INNER = 3, 2  # px around a pixel that are looked at: colours and sides, and the edge's own shares
-_CHUNK = 8192  # pixels at a time
+_CHUNK = 2048  # pixels at a time
 
 AS_THEY_ARE = 1.0  # exponent of light over levels: levels are light
 _EXPONENTS = AS_THEY_ARE, 2.2
@@ -166,7 +166,8 @@ def look_at_edges(
     `before` is as for `decide_sides`; `exponent` of light over levels is measured if it is None.
     """
     disparity = np.ascontiguousarray(disparity, np.float32)
-    places, near, far, shown = _edge_colours(lf, disparity, engine or single())
+    used = engine or single()
+    places, near, far, shown = _edge_colours(lf, disparity, used)
     rows, columns = places.T
     levels = _levels(lf)
     power = measured_exponent(levels[rows, columns], shown) if exponent is None else exponent
@@ -183,7 +184,7 @@ def look_at_edges(
     own_shares = np.full(disparity.shape, np.nan, np.float32)
     own_shares[rows, columns] = shares
     sides = _Sides(disparity, light, own_shares, near, far, shown, places)
-    around = [sides.around(slice(at, at + _CHUNK)) for at in range(0, len(rows), _CHUNK)]
+    around = used.each(sides.around, [slice(at, at + _CHUNK) for at in range(0, len(rows), _CHUNK)])
     width = 2 * (2 * _REACH + 1) ** 2 + (2 * _INNER + 1) ** 2
     patches = np.concatenate(around) if around else np.zeros((0, width), np.float32)
     return EdgePixels(rows, columns, near, far, front, np.hstack([told, patches]), power)

@@ -13,6 +13,7 @@ the oracle.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from types import TracebackType
 from typing import Any, ClassVar, Literal, NamedTuple, Protocol, Self
 
@@ -99,6 +100,12 @@ class Engine(Protocol):
 
     def download(self, array: Array) -> NDArray[Any]:
         """One of the engine's arrays on the host; may share its memory."""
+
+    def each(self, act: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
+        """What a function of the host gives for each item, by threads if the engine has some.
+
+        The function is NumPy's work on large arrays, and leaves the engine alone.
+        """
 
     # --- a first look
 

@@ -109,18 +109,21 @@ def shifts(offsets: NDArray[np.float64], disparity: float, unit: int = GREY_UNIT
         Parts of a pixel that shifts are rounded to; also the sum of the weights.
     """
     fixed = np.rint(-offsets * disparity * unit).astype(np.int64)
-    (down, across), (qy, qx) = np.moveaxis(fixed // unit, 2, 0), np.moveaxis(fixed % unit, 2, 0)
+    whole, part = fixed // unit, fixed % unit
+    qy, qx = part[..., 0], part[..., 1]
     both = (qy * qx + unit // 2) // unit
-    weights = np.stack([unit - qx - qy + both, qx - both, qy - both, both], axis=-1)
-    return Shifts(np.ascontiguousarray(down), np.ascontiguousarray(across), weights)
+    weights = np.empty((*qx.shape, 4), np.int64)
+    for corner, weight in enumerate((unit - qx - qy + both, qx - both, qy - both, both)):
+        weights[..., corner] = weight
+    return Shifts(np.ascontiguousarray(whole[..., 0]), np.ascontiguousarray(whole[..., 1]), weights)
 
 
 def nearest_pixels(
     offsets: NDArray[np.float64], disparity: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The same in whole pixels (V, U) down and across, halves to the right and down."""
-    down, across = np.moveaxis(np.floor(-offsets * disparity + 0.5).astype(np.int64), 2, 0)
-    return np.ascontiguousarray(down), np.ascontiguousarray(across)
+    nearest = np.floor(-offsets * disparity + 0.5).astype(np.int64)
+    return np.ascontiguousarray(nearest[..., 0]), np.ascontiguousarray(nearest[..., 1])
 
 
 def grey_levels(views: NDArray[Any]) -> NDArray[np.uint16]:
@@ -135,8 +138,10 @@ def grey_levels(views: NDArray[Any]) -> NDArray[np.uint16]:
     -------
     (...) uint16 array.
     """
-    levels = np.rint(luma(views) * np.float32(GREY_WHITE / FULL_SCALE[views.dtype.name]))
-    return np.asarray(np.clip(levels, 0, GREY_WHITE), np.uint16)
+    levels = luma(views) * np.float32(GREY_WHITE / FULL_SCALE[views.dtype.name])
+    np.rint(levels, out=levels)
+    np.clip(levels, 0, GREY_WHITE, out=levels)
+    return levels.astype(np.uint16)
 
 
 def colour_levels(view: NDArray[Any]) -> NDArray[np.uint8] | NDArray[np.uint16]:

@@ -293,7 +293,7 @@ def first_map(
     """Coarse disparity by local contrast, of any size, NaN where it is not certain; None if there is none."""
     shrink = shrink_to(lf, _SIDE)
     limit = widest(lf) if range is None else max(-range[0], range[1], 0.1)
-    probe = make_probe(lf, limit, shrink, _RINGS, contrast=True)
+    probe = make_probe(lf, limit, shrink, _RINGS, contrast=True, engine=engine)
     if range is None:
         range = coarse_range(probe, limit, engine)
     if range is None:
@@ -322,7 +322,7 @@ def _fitted(
     points, d = _points(disparity, lf.shape[2:4], reach)
     if d.size < _FEWEST:
         return _unknown(lf)
-    first = _Fit(*_samples(lf, points, d, reach, engine), lf.shape[:2])
+    first = _Fit(*_samples(lf, points, d, reach, engine), lf.shape[:2], engine)
     found = first.result(lf.available)
     if not found.needed:
         return found
@@ -401,8 +401,10 @@ class _Fit:
         valid: NDArray[np.bool_],
         terms: NDArray[np.float32],
         grid: tuple[int, int],
+        engine: Engine,
     ) -> None:
         self.levels, self.valid, self.terms, self.grid = levels, valid, terms, grid
+        self.engine = engine
         v, u = reference_index(grid)
         self.centre = v * grid[1] + u
         self.luma = LUMA if levels.shape[2] == 3 else np.ones(1, np.float32)
@@ -483,31 +485,38 @@ class _Fit:
     def _fit_gains(self) -> None:
         """Match means, and with offsets standard deviations, which noise and misalignment leave alike."""
         factor = self._factor()
+
+        def fit(c: int) -> tuple[Array, Array, NDArray[np.float32], Array]:
+            return self._fit_channel(c, factor)
+
+        fitted = self.engine.each(fit, range(self.levels.shape[2]))
         self.weight = np.ones(self.valid.shape[:2], np.float32)
-        scatter = []
-        for c in range(self.levels.shape[2]):
-            there, scene = (
-                self.levels[..., c],
-                factor * (self.levels[self.centre, :, c] / factor[self.centre]),
-            )
-            valid = self.valid[..., c] & self.valid[self.centre, :, c]
-            weight = valid.astype(np.float32)
-            for multiple in _TRUSTED:
-                total = np.maximum(weight.sum(axis=1), 1e-6)
-                mean, of_scene = ((weight * values).sum(axis=1) / total for values in (there, scene))
-                slope = mean / np.maximum(of_scene, 1e-6)
-                if self.with_offset:
-                    spread = (weight * (there - mean[:, None]) ** 2).sum(axis=1) / total + _FAINT * mean**2
-                    usual = (weight * (scene - of_scene[:, None]) ** 2).sum(axis=1) / total
-                    slope = np.sqrt(spread / (usual + _FAINT * of_scene**2 + 1e-12))
-                offset = mean - slope * of_scene
-                error = np.abs(there - slope[:, None] * scene - offset[:, None])
-                relative = error / _scale(error, valid)
-                weight = valid * _trust(relative, multiple) * _shown_everywhere(relative, valid)
+        for c, (slope, offset, weight, _) in enumerate(fitted):
             self.gain[:, c], self.offset[:, c] = slope, offset if self.with_offset else 0
             self.weight = np.minimum(self.weight, weight)
-            scatter.append(1.48 * _median(error, valid))
-        self.scatter = np.mean(scatter, axis=0)
+        self.scatter = np.mean([scatter for *_, scatter in fitted], axis=0)
+
+    def _fit_channel(
+        self, c: int, factor: NDArray[np.float32]
+    ) -> tuple[Array, Array, NDArray[np.float32], Array]:
+        """Gains, offsets and scatter (V·U,) of one channel, and the weights (V·U, N) of its samples."""
+        there = np.ascontiguousarray(self.levels[..., c])
+        scene = factor * (there[self.centre] / factor[self.centre])
+        valid = self.valid[..., c] & self.valid[self.centre, :, c]
+        weight = valid.astype(np.float32)
+        for multiple in _TRUSTED:
+            total = np.maximum(weight.sum(axis=1), 1e-6)
+            mean, of_scene = ((weight * values).sum(axis=1) / total for values in (there, scene))
+            slope = mean / np.maximum(of_scene, 1e-6)
+            if self.with_offset:
+                spread = (weight * (there - mean[:, None]) ** 2).sum(axis=1) / total + _FAINT * mean**2
+                usual = (weight * (scene - of_scene[:, None]) ** 2).sum(axis=1) / total
+                slope = np.sqrt(spread / (usual + _FAINT * of_scene**2 + 1e-12))
+            offset = mean - slope * of_scene
+            error = np.abs(there - slope[:, None] * scene - offset[:, None])
+            relative = error / _scale(error, valid)
+            weight = valid * _trust(relative, multiple) * _shown_everywhere(relative, valid)
+        return slope, offset, weight, 1.48 * _median(error, valid)
 
     def select(self) -> None:
         """Keep only those parts of the model that make the views agree notably better."""
@@ -700,10 +709,10 @@ def _alike(one: Array, other: Array) -> float:
 
 def _median(values: NDArray[Any], valid: NDArray[np.bool_]) -> Array:
     """Median (V·U,) of the valid values of each view; 1 where there is none."""
-    ordered = np.sort(np.where(valid, values, np.inf), axis=1)
     count = valid.sum(axis=1)
-    middle = ordered[np.arange(len(values)), np.minimum(count // 2, values.shape[1] - 1)]
-    return np.where(count > 0, middle, 1.0)
+    place = np.minimum(count // 2, values.shape[1] - 1)
+    ordered = np.sort(np.where(valid, values, np.inf), axis=1)
+    return np.where(count > 0, ordered[np.arange(len(values)), place], 1.0)
 
 
 def _rms(values: NDArray[Any], weight: NDArray[np.float32]) -> Array:
@@ -719,7 +728,10 @@ def _scale(error: NDArray[np.float32], valid: NDArray[np.bool_]) -> NDArray[np.f
 
 def _trust(relative: NDArray[np.float32], multiple: float = 2.0) -> NDArray[np.float32]:
     """Weight in [0, 1] of samples with these errors, in units of the scatter: little beyond that multiple."""
-    return np.asarray(1 / (1 + (relative / multiple) ** 2) ** 2, np.float32)
+    part = np.square(relative / multiple)
+    part += 1
+    np.square(part, out=part)
+    return np.asarray(np.divide(1, part, out=part), np.float32)
 
 
 def _shown_everywhere(relative: NDArray[np.float32], valid: NDArray[np.bool_]) -> NDArray[np.float32]:

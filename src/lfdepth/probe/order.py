@@ -298,7 +298,7 @@ def find_grid(lf: LightField, engine: Engine, *, applied: Reordering = AS_STORED
 def _ordered(lf: LightField, base: Reordering, applied: Reordering, engine: Engine) -> Orientation:
     """What the pixels say of views that were read with `base`, every row in one direction."""
     for limit in (widest(lf), WIDER * widest(lf)):
-        probe = make_probe(lf, limit, shrink_to(lf, _SIDES[0]), _RINGS, contrast=True)
+        probe = make_probe(lf, limit, shrink_to(lf, _SIDES[0]), _RINGS, contrast=True, engine=engine)
         order, found, agreeing, decisive = _find_order(probe, limit, engine)
         in_place = _share_in_place(lf, order, probe, found, engine)
         decided = decisive >= _DECISIVE and agreeing >= _AGREEING and in_place >= _IN_PLACE
@@ -419,13 +419,13 @@ def _find_sign(
         return sign
     shades: Shades | None = None
     for shrink in dict.fromkeys(shrink_to(lf, side) for side in _SIDES):
-        grey = make_probe(lf, max(-span[0], span[1]), shrink, _RINGS)
+        grey = make_probe(lf, max(-span[0], span[1]), shrink, _RINGS, engine=engine)
         if shades is None:
             shades = measure_shades(grey, found, order)
         grey = shades.evened(grey)
         closer = match(grey, plane_range(*span, grey.unit / 2), engine, order, halves=True)
-        pixels = _Pixels(grey, closer, order)
-        counts = [pixels.occlusions(view) for view in range(len(grey.views))]
+        pixels = _Pixels(grey, closer, order, engine)
+        counts = engine.each(pixels.occlusions, range(len(grey.views)))
         sign = _Sign(sum(near for near, _ in counts), sum(far for _, far in counts))
         if sign.decided:
             break
@@ -435,7 +435,7 @@ def _find_sign(
 class _Pixels:
     """The certain pixels of the reference view, from far to near."""
 
-    def __init__(self, probe: Probe, found: Match, order: Order) -> None:
+    def __init__(self, probe: Probe, found: Match, order: Order, engine: Engine) -> None:
         self.probe = probe
         self.grid = probe.ordered(order)
         places = np.flatnonzero(found.certain)
@@ -443,6 +443,7 @@ class _Pixels:
         self.disparity = found.disparity.flat[places]
         self.y, self.x = np.divmod(places, found.disparity.shape[1])
         self.level = probe.reference.flat[places]
+        self.errors = engine.each(self._error, range(len(probe.views)))
 
     def occlusions(self, view: int) -> tuple[int, int]:
         """How often two surfaces meet in a pixel of a view that shows the nearer one, or the farther one.
@@ -453,8 +454,8 @@ class _Pixels:
         opposite = self._opposite(view)
         if opposite is None:
             return 0, 0
-        error = self._error(view)
-        known = np.flatnonzero(np.isfinite(error) & (self._error(opposite) < _SAME))
+        error = self.errors[view]
+        known = np.flatnonzero(np.isfinite(error) & (self.errors[opposite] < _SAME))
         near, far = self._meeting(view, known)
         away = float(np.abs(self.grid[view]).max()) / self.probe.shrink
         jump = (self.disparity[near] - self.disparity[far]) * away > _JUMP

@@ -5,6 +5,7 @@ Functions check nothing that blocks have checked. What each promises stands at `
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from types import TracebackType
 from typing import Any, ClassVar, Self
@@ -109,6 +110,10 @@ class CpuEngine:
     def download(self, array: Array) -> NDArray[Any]:
         """The array itself."""
         return np.asarray(array)
+
+    def each(self, act: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
+        """By the same threads as kernels."""
+        return self.workers.each(act, items)
 
     # --- a first look
 
@@ -902,10 +907,11 @@ def _placed_visibility(
     if surfaces is None:
         none = np.empty(0, np.int16)
         nowhere = np.empty((0, 0), np.int64)
-        return none, none, nowhere, nowhere, none.reshape(0, 0), 0
+        return none, none, nowhere, nowhere, np.empty((0, 0), np.float32), np.float32(0), 0
     down, across = nearest_pixels(stack.offsets, disparity)
-    front = (surfaces.disparity > disparity + VISIBILITY_MARGIN).astype(np.int16)
-    return surfaces.data, surfaces.rows, down, stack.inside(across), front, plane_horizon(disparity)
+    front = np.float32(disparity + VISIBILITY_MARGIN)
+    place = surfaces.data, surfaces.rows, down, stack.inside(across)
+    return *place, surfaces.disparity, front, plane_horizon(disparity)
 
 
 def _beside_edges(views: ViewsAsTheyAre, surfaces: NearestSurfaces, thresholds: Float) -> tuple[Any, ...]:

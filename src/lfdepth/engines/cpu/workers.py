@@ -40,8 +40,9 @@ class Workers:
         self.threads = default_threads() if threads is None else threads
         if self.threads < 1:
             raise LightFieldError(f"threads: found {threads}, expected at least 1")
+        # One less: the thread that calls works, too, which saves waking another.
         self._pool = (
-            ThreadPoolExecutor(self.threads, thread_name_prefix="lfdepth") if self.threads > 1 else None
+            ThreadPoolExecutor(self.threads - 1, thread_name_prefix="lfdepth") if self.threads > 1 else None
         )
 
     def rows(self, height: int, kernel: Callable[..., Any], *args: Any, first: int = 0) -> None:
@@ -49,18 +50,29 @@ class Workers:
         if self._pool is None:
             kernel(first, height, *args)
             return
-        jobs = [
-            self._pool.submit(kernel, first + start, first + end, *args)
-            for start, end in bands(height - first, self.threads)
-        ]
+        own, *others = bands(height - first, self.threads) or [(0, 0)]
+        jobs = [self._pool.submit(kernel, first + start, first + end, *args) for start, end in others]
+        kernel(first + own[0], first + own[1], *args)
         for job in jobs:
             job.result()
 
     def each(self, act: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
         """What a function gives for each item; for NumPy on large arrays, which releases the GIL."""
+        given = list(items)
         if self._pool is None:
-            return [act(item) for item in items]
-        return list(self._pool.map(act, items))
+            return [act(item) for item in given]
+        found: list[Any] = [None] * len(given)
+        left = iter(range(len(given)))  # threads take turns at it
+
+        def work() -> None:
+            for index in left:
+                found[index] = act(given[index])
+
+        jobs = [self._pool.submit(work) for _ in range(self.threads - 1)]
+        work()
+        for job in jobs:
+            job.result()
+        return found
 
     def once(self, kernel: Callable[..., Any], *args: Any) -> None:
         """Run a kernel that does not work on rows."""

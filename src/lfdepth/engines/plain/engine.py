@@ -6,6 +6,7 @@ engine checks the other. What each function promises stands at `lfdepth.engines.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from types import TracebackType
 from typing import Any, ClassVar, Self
@@ -85,6 +86,10 @@ class NumpyEngine:
     def download(self, array: Array) -> NDArray[Any]:
         """The array itself."""
         return np.asarray(array)
+
+    def each(self, act: Callable[[Any], Any], items: Iterable[Any]) -> list[Any]:
+        """One after the other."""
+        return [act(item) for item in items]
 
     # --- a first look
 

@@ -129,10 +129,12 @@ def _visible_share(out, votes, seen, everywhere, possible):
 
 
 @nb.njit(**INNER)
-def _horizons(horizons, front, horizon):
-    """Nearest surface with which a pixel still sees the plane: any, where it lies in front itself."""
-    for x in range(horizons.size):
-        horizons[x] = np.int16(32767) if x < front.size and front[x] != 0 else horizon
+def _horizons(horizons, disparity, front, horizon):
+    """Nearest surface with which a pixel still sees the plane: any, where it lies in `front` itself."""
+    for x in range(disparity.size):
+        horizons[x] = np.int16(32767) if disparity[x] > front else horizon
+    for x in range(disparity.size, horizons.size):
+        horizons[x] = horizon
 
 
 @nb.njit(**INNER)
@@ -165,9 +167,10 @@ def photo_kernel(
 
     `shape` is (V, U, H, C, row length, margin, index of the reference view). With `masked`, only views that
     see the plane count: `visibility` is (nearest surfaces per view, nearest per row of a view, whole pixels
-    down and across at which they are sampled, pixels in front of the plane, horizon).
+    down and across at which they are sampled, disparity (H, W) of the pixels, beyond which of it one lies in
+    front of the plane, horizon).
     """
-    nearest, row_nearest, nearest_down, nearest_across, front, horizon = visibility
+    nearest, row_nearest, nearest_down, nearest_across, disparity, front, horizon = visibility
     horizon16 = np.int16(horizon)
     rows, columns, height, channels, length, margin, own = shape
     possible, scale = np.float32(present.sum()), np.float64(channels * WHITE)
@@ -189,7 +192,7 @@ def photo_kernel(
             _clear(votes[i], seen[i])
             everywhere[i] = 0
             if masked:
-                _horizons(horizons[i], front[y], horizon16)
+                _horizons(horizons[i], disparity[y], front, horizon16)
         for v in range(rows):
             for u in range(columns):
                 if not present[v, u]:

@@ -6,6 +6,7 @@ import numba as nb
 import numpy as np
 
 from lfdepth.engines.cpu.compilation import INNER, KERNEL
+from lfdepth.engines.cpu.kernels.runs import RUN, find_breaks, run_length
 from lfdepth.engines.layout import DISPARITY_PARTS
 
 PAD = 2
@@ -18,6 +19,7 @@ _POLE = np.float32(np.sqrt(3.0) - 2.0)  # of the cubic B-spline's inverse filter
 _GAIN = np.float32(6.0)
 _START = 12  # samples after which the pole's powers are below a single float's precision
 _NOTHING = np.float32(1e-3)  # grey levels²: less information is rounding
+_TILE = 16  # pixels that fill a line of the cache: transposed a few rows at a time, it is written once
 _LUMA = (np.float32(0.299), np.float32(0.587), np.float32(0.114))
 
 
@@ -47,17 +49,29 @@ def _sharpen_rows(image):
 def _grey(view, scale, out):
     """Luma of a view (H, W, C) times `scale`, transposed, into `out` (W, H)."""
     height, width, channels = view.shape
-    for y in range(height):
+    for first in range(0, height, _TILE):
+        last = min(first + _TILE, height)
         for x in range(width):
-            if channels == 3:
-                level = (
-                    _LUMA[0] * np.float32(view[y, x, 0])
-                    + _LUMA[1] * np.float32(view[y, x, 1])
-                    + _LUMA[2] * np.float32(view[y, x, 2])
-                )
-            else:
-                level = np.float32(view[y, x, 0])
-            out[x, y] = scale * level
+            for y in range(first, last):
+                if channels == 3:
+                    level = (
+                        _LUMA[0] * np.float32(view[y, x, 0])
+                        + _LUMA[1] * np.float32(view[y, x, 1])
+                        + _LUMA[2] * np.float32(view[y, x, 2])
+                    )
+                else:
+                    level = np.float32(view[y, x, 0])
+                out[x, y] = scale * level
+
+
+@nb.njit(**INNER)
+def _transpose(image, out):
+    height, width = out.shape
+    for first in range(0, width, _TILE):
+        last = min(first + _TILE, width)
+        for y in range(height):
+            for x in range(first, last):
+                out[y, x] = image[x, y]
 
 
 @nb.njit(**KERNEL)
@@ -71,9 +85,7 @@ def spline_kernel(first, last, views, scale, chosen, coefficients):
     for i in range(first, last):
         _grey(views[chosen[i, 0], chosen[i, 1]], scale, across)
         _sharpen_rows(across)
-        for y in range(height):
-            for x in range(width):
-                down[y, x] = across[x, y]
+        _transpose(across, down)
         _sharpen_rows(down)
         out = coefficients[i]
         for y in range(height + 2 * PAD):
@@ -87,76 +99,164 @@ def spline_kernel(first, last, views, scale, chosen, coefficients):
 
 
 @nb.njit(**INNER)
-def _weights(fraction, weights):
-    """The four cubic B-spline weights of a row of fractions, into `weights` (4, W)."""
-    sixth = np.float32(1 / 6)
-    for x in range(fraction.size):
-        f = fraction[x]
-        g = np.float32(1) - f
-        weights[0, x] = sixth * g * g * g
-        weights[1, x] = np.float32(2 / 3) - np.float32(0.5) * f * f * (np.float32(1) + g)
-        weights[2, x] = np.float32(2 / 3) - np.float32(0.5) * g * g * (np.float32(1) + f)
-        weights[3, x] = sixth * f * f * f
+def _land(to, at, start, step, disparity, row):
+    """Where a row's pixels, from `start` on, land along one axis, into `to` from `at` on."""
+    for x in range(np.uintp(start.size)):
+        to[at + x] = start[x] - step * disparity[row + x]
 
 
 @nb.njit(**INNER)
-def _places(disparity, y, dv, du, size, stride, places, part_x, part_y):
-    """Where a row's pixels lie in a view: flat place of the upper left coefficient, or −1, and fractions."""
-    height, width = size
+def _outer_weights(to, axis, before, after):
+    """Cubic B-spline weights of the first and the last of the four samples about a row's places."""
+    sixth = np.float32(1 / 6)
+    for x in range(np.uintp(before.size)):
+        f = to[axis + x] - np.floor(to[axis + x])
+        g = np.float32(1) - f
+        before[x] = sixth * g * g * g
+        after[x] = sixth * f * f * f
+
+
+@nb.njit(**INNER)
+def _inner_weights(to, axis, left, right):
+    """The same of the second and the third."""
+    for x in range(np.uintp(left.size)):
+        f = to[axis + x] - np.floor(to[axis + x])
+        g = np.float32(1) - f
+        left[x] = np.float32(2 / 3) - np.float32(0.5) * f * f * (np.float32(1) + g)
+        right[x] = np.float32(2 / 3) - np.float32(0.5) * g * g * (np.float32(1) + f)
+
+
+@nb.njit(**INNER)
+def _places(places, to, size, stride):
+    """Flat places of the upper left coefficients in a view, −1 outside of it; `to` are x and y of a row."""
+    width, right, bottom = np.uintp(places.size), np.float32(size[1] - 1), np.float32(size[0] - 1)
+    step, pad = np.int32(stride), np.int32(PAD - 1)
     for x in range(width):
-        to_x, to_y = np.float32(x) - du * disparity[x], np.float32(y) - dv * disparity[x]
-        inside = (
-            (to_x >= 0) & (to_y >= 0) & (to_x <= np.float32(width - 1)) & (to_y <= np.float32(height - 1))
-        )
-        left, top = np.floor(to_x), np.floor(to_y)
-        part_x[x], part_y[x] = to_x - left, to_y - top
-        at = (np.int32(top) + np.int32(PAD - 1)) * np.int32(stride) + np.int32(left) + np.int32(PAD - 1)
+        to_x, to_y = to[x], to[width + x]
+        inside = (to_x >= 0) & (to_y >= 0) & (to_x <= right) & (to_y <= bottom)
+        at = (np.int32(np.floor(to_y)) + pad) * step + np.int32(np.floor(to_x)) + pad
         places[x] = at if inside else np.int32(-1)
 
 
 @nb.njit(**INNER)
-def _hide(disparity, y, dv, du, margin, nearest, start, row_length, places):
-    """Strike out the places of pixels behind something nearer in a view."""
-    for x in range(disparity.size):
-        if places[x] < 0:
-            continue
-        d = disparity[x]
-        to_x = np.int32(np.float32(x) - du * d + np.float32(0.5))
-        to_y = np.int32(np.float32(y) - dv * d + np.float32(0.5))
-        seen = nearest[np.uintp(start + to_y * row_length + to_x)]
-        if np.float32(seen) > (d + margin) * np.float32(DISPARITY_PARTS):
-            places[x] = -1
+def _nearest_places(nearest, to, places, row_length):
+    """Flat places of the nearest pixels; 0 for those outside of the view."""
+    width, half, step = np.uintp(places.size), np.float32(0.5), np.int32(row_length)
+    for x in range(width):
+        at = np.int32(to[width + x] + half) * step + np.int32(to[x] + half)
+        nearest[x] = at if places[x] >= 0 else np.int32(0)
 
 
 @nb.njit(**INNER)
-def _add_view(sums, coefficients, stride, places, across, down, du, dv, origin):
-    """Add one view's samples to a row's moments (MOMENTS, W)."""
-    one, two, three = np.uintp(1), np.uintp(2), np.uintp(3)
-    step = np.uintp(stride)
-    for x in range(places.size):
+def _look_up(seen, surfaces, start, at):
+    for x in range(np.uintp(at.size)):
+        seen[x] = surfaces[start + np.uintp(at[x])]
+
+
+@nb.njit(**INNER)
+def _hide(places, seen, disparity, row, margin):
+    """Strike out the places of pixels behind something nearer in a view."""
+    for x in range(np.uintp(places.size)):
+        hidden = np.float32(seen[x]) > (disparity[row + x] + margin) * np.float32(DISPARITY_PARTS)
+        places[x] = np.int32(-1) if hidden else places[x]
+
+
+@nb.njit(**INNER)
+def _sample_run(values, weights, coefficients, x, at, length, line):
+    """Add one of four lines of samples to pixels from `x` on that lie side by side in a view.
+
+    `weights` are the four across and the four down, one row each.
+    """
+    one, two, three, width = np.uintp(1), np.uintp(2), np.uintp(3), np.uintp(values.size)
+    a, b, c, d = x, x + width, x + two * width, x + three * width
+    down = x + (line + np.uintp(4)) * width
+    for i in range(length):
+        values[x + i] += weights[down + i] * (
+            weights[a + i] * coefficients[at + i]
+            + weights[b + i] * coefficients[at + one + i]
+            + weights[c + i] * coefficients[at + two + i]
+            + weights[d + i] * coefficients[at + three + i]
+        )
+
+
+@nb.njit(**INNER)
+def _sample_each(values, weights, coefficients, first, last, places, start, stride):
+    """Samples at the places of single pixels."""
+    one, two, three, width = np.uintp(1), np.uintp(2), np.uintp(3), np.uintp(values.size)
+    for x in range(first, last):
         if places[x] < 0:
             continue
-        a, b, c, d = across[0, x], across[1, x], across[2, x], across[3, x]
-        at = np.uintp(places[x])
-        value = -origin[x]
-        for j in range(4):
-            value += down[j, x] * (
+        a, b = weights[x], weights[x + width]
+        c, d = weights[x + two * width], weights[x + three * width]
+        at, down, value = start + np.uintp(places[x]), x + np.uintp(4) * width, values[x]
+        for _ in range(4):
+            value += weights[down] * (
                 a * coefficients[at]
                 + b * coefficients[at + one]
                 + c * coefficients[at + two]
                 + d * coefficients[at + three]
             )
-            at += step
-        sums[0, x] += np.float32(1)
-        sums[1, x] += du
-        sums[2, x] += dv
-        sums[3, x] += du * du
-        sums[4, x] += du * dv
-        sums[5, x] += dv * dv
-        sums[6, x] += value
-        sums[7, x] += du * value
-        sums[8, x] += dv * value
-        sums[9, x] += value * value
+            at += stride
+            down += width
+        values[x] = value
+
+
+@nb.njit(**INNER)
+def _sample(values, weights, coefficients, start, stride, places, breaks):
+    """Add one view's samples to `values`."""
+    find_breaks(breaks, places)
+    block, one = np.uintp(0), np.uintp(1)
+    while block < breaks.size:
+        x = block * np.uintp(RUN)
+        if breaks[block] != 0:
+            _sample_each(values, weights, coefficients, x, x + np.uintp(RUN), places, start, stride)
+            block += one
+            continue
+        length, at = run_length(breaks, block, places), start + np.uintp(places[x])
+        for line in range(np.uintp(4)):
+            _sample_run(values, weights, coefficients, x, at + line * stride, length, line)
+        block += length // np.uintp(RUN)
+    x = np.uintp(breaks.size) * np.uintp(RUN)
+    _sample_each(values, weights, coefficients, x, np.uintp(values.size), places, start, stride)
+
+
+@nb.njit(**INNER)
+def _negative(out, image, row):
+    for x in range(np.uintp(out.size)):
+        out[x] = -image[row + x]
+
+
+@nb.njit(**INNER)
+def _see(seeing, values, places):
+    """1 where a pixel has a place, 0 elsewhere; values elsewhere become 0, too."""
+    for x in range(np.uintp(places.size)):
+        seeing[x] = np.float32(1) if places[x] >= 0 else np.float32(0)
+        values[x] = values[x] if places[x] >= 0 else np.float32(0)
+
+
+@nb.njit(**INNER)
+def _add(sums, start, values, factor):
+    for x in range(np.uintp(values.size)):
+        sums[start + x] += factor * values[x]
+
+
+@nb.njit(**INNER)
+def _add_squares(sums, start, values):
+    for x in range(np.uintp(values.size)):
+        sums[start + x] += values[x] * values[x]
+
+
+@nb.njit(**INNER)
+def _add_view(sums, start, seeing, values, du, dv):
+    """Add one view's values to a row's moments, one after the other from `start` on."""
+    one, size = np.float32(1), np.uintp(values.size)
+    for factor in (one, du, dv, du * du, du * dv, dv * dv):
+        _add(sums, start, seeing, factor)
+        start += size
+    for factor in (one, du, dv):
+        _add(sums, start, values, factor)
+        start += size
+    _add_squares(sums, start, values)
 
 
 @nb.njit(**KERNEL)
@@ -170,22 +270,36 @@ def moments_kernel(first_row, last_row, disparity, coefficients, standing, surfa
     height, width = disparity.shape
     stride = width + 2 * PAD
     size = coefficients.shape[1] * stride
-    flat = coefficients.reshape(-1)
+    samples, depths, levels = coefficients.reshape(-1), disparity.reshape(-1), origin.reshape(-1)
+    sums = moments.reshape(-1)
     index, down_steps, across_steps = standing
-    places = np.empty(width, np.int32)
-    part_x, part_y = np.empty(width, np.float32), np.empty(width, np.float32)
-    across, down = np.empty((4, width), np.float32), np.empty((4, width), np.float32)
+    none, one_row = np.uintp(0), np.uintp(width)
+    columns, line = np.arange(width).astype(np.float32), np.empty(width, np.float32)
+    places, at = np.empty(width, np.int32), np.empty(width, np.int32)
+    breaks, seen = np.empty(width // RUN, np.int32), np.empty(width, surfaces.dtype)
+    to, weights = np.empty(2 * width, np.float32), np.empty((8, width), np.float32)
+    seeing, values = np.empty(width, np.float32), np.empty(width, np.float32)
     for y in range(first_row, last_row):
-        sums = moments[y]
-        sums[:] = 0
+        moments[y] = 0
+        line[:] = y
+        row = np.uintp(y * width)
         for i in range(index.size):
             dv, du = down_steps[i], across_steps[i]
-            _places(disparity[y], y, dv, du, (height, width), stride, places, part_x, part_y)
-            _hide(disparity[y], y, dv, du, margin, surfaces, index[i] * height * width, width, places)
-            _weights(part_x, across)
-            _weights(part_y, down)
-            view = flat[i * size : (i + 1) * size]
-            _add_view(sums, view, stride, places, across, down, du, dv, origin[y])
+            _land(to, none, columns, du, depths, row)
+            _land(to, one_row, line, dv, depths, row)
+            _places(places, to, (height, width), stride)
+            _nearest_places(at, to, places, width)
+            _look_up(seen, surfaces, np.uintp(index[i] * height * width), at)
+            _hide(places, seen, depths, row, margin)
+            for axis in range(2):
+                from_, row_of = np.uintp(axis * width), 4 * axis
+                _outer_weights(to, from_, weights[row_of], weights[row_of + 3])
+                _inner_weights(to, from_, weights[row_of + 1], weights[row_of + 2])
+            _negative(values, levels, row)
+            place = np.uintp(i * size)
+            _sample(values, weights.reshape(-1), samples, place, np.uintp(stride), places, breaks)
+            _see(seeing, values, places)
+            _add_view(sums, np.uintp(y * MOMENTS * width), seeing, values, du, dv)
 
 
 @nb.njit(**KERNEL)

@@ -1,7 +1,8 @@
 """Kernels that fit local planes to the minima of every pixel's own energy.
 
 A row is worked on one neighbour at a time, with a row of running sums per moment; leaf functions take flat
-arrays and unsigned offsets, which is what LLVM turns into vector loops.
+arrays and unsigned offsets, which is what LLVM turns into vector loops. Each writes to one array: with
+more, LLVM has too many pairs that might overlap to check, and gives up.
 """
 
 from __future__ import annotations
@@ -46,6 +47,7 @@ def minima_kernel(first_row, last_row, signs, shares, weight, position, prior, t
 
 @nb.njit(**INNER)
 def _colour_change(change, guide, here, there, size, channels, plane):
+    """Change of colour from pixels to others, summed over the channels, `plane` apart."""
     for x in range(size):
         change[x] = 0
     for c in range(channels):
@@ -64,29 +66,50 @@ def _likeness(change, sharpness):
 
 
 @nb.njit(**INNER)
-def _add_neighbour(sums, start, row, change, position, target, strength, here, there, size, tap):
-    """Add one neighbour of a row's pixels to their nine sums, `row` apart.
+def _alike(out, change, position, here, there, size, tap):
+    """Weights of one neighbour of a row's pixels by distance, colour, and whether it is of their surface.
 
-    `tap` is its (weight, dx, dy), the bound on the difference of position, and an eighth of the sharpness.
+    `tap` is the weight by distance, the bound on the difference of position, and an eighth of the sharpness.
     """
-    weight, dx, dy, gate, sharpness = tap
-    s1, s2, s3, s4 = start + row, start + 2 * row, start + 3 * row, start + 4 * row
-    s5, s6, s7, s8 = start + 5 * row, start + 6 * row, start + 7 * row, start + 8 * row
-    xx, xy, yy = dx * dx, dx * dy, dy * dy
+    weight, gate, sharpness = tap
     for x in range(size):
-        own = position[here + x]
-        w = weight * _likeness(change[x], sharpness) * strength[there + x]
-        w = w if abs(position[there + x] - own) <= gate else np.float32(0)
-        moved = w * (target[there + x] - own)
-        sums[start + x] += w
-        sums[s1 + x] += w * dx
-        sums[s2 + x] += w * dy
-        sums[s3 + x] += w * xx
-        sums[s4 + x] += w * xy
-        sums[s5 + x] += w * yy
-        sums[s6 + x] += moved
-        sums[s7 + x] += moved * dx
-        sums[s8 + x] += moved * dy
+        like = weight * _likeness(change[x], sharpness)
+        out[x] = like if abs(position[there + x] - position[here + x]) <= gate else np.float32(0)
+
+
+@nb.njit(**INNER)
+def _multiply(values, factors, start, size):
+    for x in range(size):
+        values[x] *= factors[start + x]
+
+
+@nb.njit(**INNER)
+def _move(out, weights, target, there, position, here, size):
+    """How far the neighbour's target lies from the pixels, times its weights."""
+    for x in range(size):
+        out[x] = weights[x] * (target[there + x] - position[here + x])
+
+
+@nb.njit(**INNER)
+def _add(sums, start, values, factor, size):
+    for x in range(size):
+        sums[start + x] += values[x] * factor
+
+
+@nb.njit(**INNER)
+def _add_neighbour(sums, start, row, weights, moved, dx, dy, size):
+    """Add one neighbour, `dx` and `dy` away, of a row's pixels to their nine sums, `row` apart."""
+    twice = row + row
+    middle, last = start + twice + row, start + twice + twice + twice
+    _add(sums, start, weights, np.float32(1), size)
+    _add(sums, start + row, weights, dx, size)
+    _add(sums, start + twice, weights, dy, size)
+    _add(sums, middle, weights, dx * dx, size)
+    _add(sums, middle + row, weights, dx * dy, size)
+    _add(sums, middle + twice, weights, dy * dy, size)
+    _add(sums, last, moved, np.float32(1), size)
+    _add(sums, last + row, moved, dx, size)
+    _add(sums, last + twice, moved, dy, size)
 
 
 @nb.njit(**INNER)
@@ -113,6 +136,7 @@ def fit_kernel(
     radius, spacing = window
     row = np.uintp(width)
     sums, change = np.empty(_MOMENTS * width, np.float32), np.empty(width, np.float32)
+    weights, moved = np.empty_like(change), np.empty_like(change)
     spread = np.float32(-2.0 / (radius * radius))
     eighth = np.float32(sharpness / 8)
     for y in range(first_row, last_row):
@@ -127,10 +151,12 @@ def fit_kernel(
                 size = np.uintp(last - first)
                 here, there = np.uintp(y * width + first), np.uintp((y + dy) * width + first + dx)
                 _colour_change(change, guide, here, there, size, channels, height * width)
-                weight = np.exp(spread * np.float32(dx * dx + dy * dy))
-                tap = (weight, np.float32(dx), np.float32(dy), gate, eighth)
+                tap = (np.exp(spread * np.float32(dx * dx + dy * dy)), gate, eighth)
+                _alike(weights, change, position, here, there, size, tap)
+                _multiply(weights, strength, there, size)
+                _move(moved, weights, target, there, position, here, size)
                 _add_neighbour(
-                    sums, np.uintp(first), row, change, position, target, strength, here, there, size, tap
+                    sums, np.uintp(first), row, weights, moved, np.float32(dx), np.float32(dy), size
                 )
         _solve(out[y], sums, row, position, np.uintp(y * width), ridge)
 

@@ -5,7 +5,41 @@ from __future__ import annotations
 import numba as nb
 import numpy as np
 
-from lfdepth.engines.cpu.compilation import KERNEL
+from lfdepth.engines.cpu.compilation import INNER, KERNEL
+
+
+@nb.njit(**INNER)
+def _sum_grey(window, sums, least, most):
+    """Sum, least and most of a window's samples (H, W, 1)."""
+    total = np.float32(0)
+    low = high = window[0, 0, 0]
+    for y in range(window.shape[0]):
+        for x in range(window.shape[1]):
+            level = window[y, x, 0]
+            total += np.float32(level)
+            low, high = min(low, level), max(high, level)
+    sums[0], least[0], most[0] = total, low, high
+
+
+@nb.njit(**INNER)
+def _sum_colours(window, sums, least, most):
+    """The same of samples (H, W, 3), all channels at once: a sum by itself would wait for itself."""
+    red = green = blue = np.float32(0)
+    low_red = high_red = window[0, 0, 0]
+    low_green = high_green = window[0, 0, 1]
+    low_blue = high_blue = window[0, 0, 2]
+    for y in range(window.shape[0]):
+        for x in range(window.shape[1]):
+            r, g, b = window[y, x, 0], window[y, x, 1], window[y, x, 2]
+            red += np.float32(r)
+            green += np.float32(g)
+            blue += np.float32(b)
+            low_red, high_red = min(low_red, r), max(high_red, r)
+            low_green, high_green = min(low_green, g), max(high_green, g)
+            low_blue, high_blue = min(low_blue, b), max(high_blue, b)
+    sums[0], sums[1], sums[2] = red, green, blue
+    least[0], least[1], least[2] = low_red, low_green, low_blue
+    most[0], most[1], most[2] = high_red, high_green, high_blue
 
 
 @nb.njit(**KERNEL)
@@ -18,6 +52,8 @@ def window_kernel(first, last, views, present, offsets, points, disparity, reach
     """
     columns, height, width, channels = views.shape[1:]
     share = np.float32(1 / (2 * reach + 1) ** 2)
+    sums, least = np.empty(channels, np.float32), np.empty(channels, np.float32)
+    most = np.empty(channels, np.float32)
     for n in range(first, last):
         v, u = n // columns, n % columns
         view = views[v, u]
@@ -29,11 +65,11 @@ def window_kernel(first, last, views, present, offsets, points, disparity, reach
                 means[n, i, c], usable[n, i, c] = 0, False
             if not (inside and present[v, u]):
                 continue
+            window = view[y - reach : y + reach + 1, x - reach : x + reach + 1]
+            if channels == 3:
+                _sum_colours(window, sums, least, most)
+            else:
+                _sum_grey(window, sums, least, most)
             for c in range(channels):
-                total, clipped = np.float32(0), False
-                for j in range(y - reach, y + reach + 1):
-                    for k in range(x - reach, x + reach + 1):
-                        level = np.float32(view[j, k, c])
-                        total += level
-                        clipped |= level <= 0 or level >= white
-                means[n, i, c], usable[n, i, c] = total * share, not clipped
+                clipped = least[c] <= 0 or most[c] >= white
+                means[n, i, c], usable[n, i, c] = sums[c] * share, not clipped
