@@ -80,7 +80,7 @@ def views(names: list[str], size: int, apart: bool) -> None:
 
 def peak() -> float:
     """Largest memory of this process so far, GB."""
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9  # Linux counts in KiB
 
 
 def in_process(task: Callable[..., Any], *words: Any) -> Any:

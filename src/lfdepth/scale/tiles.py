@@ -65,6 +65,9 @@ _SAMPLE = 512  # px, side of the window on which noise is measured
 _FIVE = 320, 224, 160, 96  # px, sides that five windows may have, on which a method measures what it takes
 _SMALLEST, _LARGEST, _MULTIPLE = 32, 4096, 32  # px, sides of tiles
 _PROCESS = 350_000_000  # bytes of an interpreter with its libraries and kernels
+_HELD = (
+    1.08  # what a process holds after some tiles, as arrays of other sizes leave gaps, over what one takes
+)
 _PROBE, _EQUALISATION, _MEASURED = "probe.npz", "equalisation_", "measured.json"
 _BORDER, _PATHS = "border_", "paths_"
 """What the names of arrays in a tile's file begin with: its map at its borders, and paths that leave it."""
@@ -695,7 +698,7 @@ def _bytes(job: Job, seen: Look, probe: _Probe, side: int) -> int:
     itemsize = max(seen.itemsize, 2) if uneven else seen.itemsize
     views = prod(shape) * (itemsize + (seen.itemsize if uneven else 0))
     chosen = job.chosen()
-    return _PROCESS + views + chosen.memory(shape, chosen.planes_for(probe.range), itemsize)
+    return _PROCESS + int(_HELD * (views + chosen.memory(shape, chosen.planes_for(probe.range), itemsize)))
 
 
 def _largest_tile(job: Job, seen: Look, probe: _Probe, halo: int, memory: float) -> int:
