@@ -156,13 +156,16 @@ def uneven_halves() -> LightField:
 
 
 def test_what_the_refinement_takes_from_a_field_is_measured_once(tmp_path: Path) -> None:
-    """The views' typical difference is that of the whole field in all of its tiles."""
+    """The views' typical difference is that of the whole field in all of its tiles.
+
+    Each tile with its own would be more than 0.003 px off on 1.5 % of the pixels.
+    """
     lf = uneven_halves()
     lfdepth.write(tmp_path / "field.npy", lf)
     words: dict[str, Any] = {"range": lf.disparity_range, "equalise": False, "threads": 1}
     expected = lfdepth.estimate(lf, check=False, **words).disparity
     estimate_tiled(tmp_path / "field.npy", tmp_path / "map.npy", tile=64, **words)
-    assert np.mean(np.abs(read_disparity(tmp_path / "map.npy") - expected) > 0.02) < 0.001
+    assert np.mean(np.abs(read_disparity(tmp_path / "map.npy") - expected) > 0.003) < 0.001
 
 
 @pytest.mark.parametrize("shape", [(400, 500), (513, 900), (2000, 300), (8192, 8192)])
