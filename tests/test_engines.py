@@ -889,6 +889,21 @@ def test_what_a_view_shows_agrees_with_the_oracle(
     np.testing.assert_array_equal(found, naive_pictures.seen(disparity, offset, plane))
 
 
+@pytest.mark.parametrize("offset", [(2.0, -3.0), (-0.7, 1.4)])
+@pytest.mark.parametrize("width", [64, 75])
+def test_what_a_view_shows_of_wide_surfaces_agrees_with_the_oracle(
+    used: Engine, offset: tuple[float, float], width: int
+) -> None:
+    """Side by side for long, with breaks and gaps between; in whatever order the map lies in memory."""
+    x = np.arange(width, dtype=np.float32)
+    disparity = np.tile(0.004 * x + np.where(x % 29 > 20, 1.3, 0), (6, 1)).astype(np.float32)
+    disparity[4:, 30:] -= 0.8
+    expected = naive_pictures.seen(disparity, offset, 0.0)
+    np.testing.assert_array_equal(used.seen(disparity, offset), expected)
+    np.testing.assert_array_equal(used.seen(np.asfortranarray(disparity), offset), expected)
+    np.testing.assert_array_equal(used.seen(np.repeat(disparity, 2, 1)[:, ::2], offset), expected)
+
+
 @pytest.mark.parametrize("dtype", fields.DTYPES)
 @pytest.mark.parametrize("offset", [(0.0, 0.0), (2.0, -3.0), (-0.7, 1.4)])
 def test_gathered_views_agree_with_the_oracle(used: Engine, offset: tuple[float, float], dtype: str) -> None:

@@ -282,7 +282,7 @@ class CpuEngine:
         row_length: int,
         spare: NearestSurfaces | None,
     ) -> NearestSurfaces:
-        count = present.size * disparity.shape[0]
+        count, disparity = present.size * disparity.shape[0], np.ascontiguousarray(disparity)
         # Fresh memory costs as much as the splats.
         fits = spare is not None and spare.data.size == count * row_length
         data = spare.data if fits and spare is not None else np.empty(count * row_length, np.int16)
@@ -468,6 +468,7 @@ class CpuEngine:
     ) -> tuple[Float, Float, Float, float]:
         """Moments over the views that see each pixel, and what follows from them."""
         height, width = disparity.shape
+        disparity = np.ascontiguousarray(disparity)
         rows, single = self.workers.rows, np.float32
         surfaces = self._splat(disparity, views.chosen, views.offsets, 0, width, None)
         moments = np.empty((height, refine_kernels.MOMENTS, width), single)
@@ -756,6 +757,7 @@ class CpuEngine:
 
     def seen(self, disparity: Float, offset: tuple[float, float], *, plane: float = 0.0) -> Float:
         """What a view shows of a map."""
+        disparity = np.ascontiguousarray(disparity)
         front, rows = np.empty(disparity.size, np.float32), np.empty(len(disparity), np.float32)
         moved = disparity - np.float32(plane)
         place = (np.ones((1, 1), np.bool_), np.array(offset, np.float64).reshape(1, 1, 2), front, rows)
