@@ -216,6 +216,30 @@ def test_empty_views_are_left_out(leaves: LightField) -> None:
     assert "4 dark" in found.message
 
 
+@pytest.mark.parametrize(("idle", "level"), [((0, 2), 0), ((2,), 0), ((0,), 255)])
+def test_channels_that_tell_nothing_are_left_alone(
+    leaves: LightField, idle: tuple[int, ...], level: int
+) -> None:
+    rng = np.random.default_rng(0)
+    gain = 1 + 0.05 * rng.standard_normal((9, 9, 1))
+    gain[4, 4] = 1
+    views = np.rint(np.clip(leaves.views * gain[:, :, None, None], 0, 255)).astype(np.uint8)
+    views[..., idle] = level
+    found = lfdepth.measure_brightness(replace(leaves, views=views))
+    assert not found.left_out.any()
+    others = [c for c in range(3) if c not in idle]
+    np.testing.assert_allclose(found.gain[..., others], np.repeat(gain, len(others), axis=2), atol=0.01)
+    even = lfdepth.equalise(replace(leaves, views=views), found)
+    assert (even.views[..., idle] == level * even.full_scale / 255).all()
+
+
+def test_a_picture_with_hardly_a_sample_that_tells_leaves_no_view_out(leaves: LightField) -> None:
+    stars = np.where(leaves.views.max(axis=-1, keepdims=True) > 250, leaves.views, 0)
+    found = lfdepth.measure_brightness(replace(leaves, views=stars))
+    assert not found.needed
+    assert not found.left_out.any()
+
+
 def test_absent_views_are_not_looked_at(leaves: LightField) -> None:
     present = np.ones((9, 9), np.bool_)
     present[0] = False

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from lfdepth.engines import using
 from lfdepth.engines.boxes import box_mean
 from lfdepth.lightfield import LightField, luma
+from lfdepth.probe.samples import sample
 
 if TYPE_CHECKING:
     from lfdepth.engines.base import Engine
@@ -54,9 +55,9 @@ def disagreement(
         return np.zeros((0, 2), np.int64), np.zeros(0)
     at = chosen[:, 0], chosen[:, 1]
     with using(engine) as used:
-        levels, valid = used.window_means(used.views(lf), chosen, disparity[at].astype(np.float64), _REACH)
-    seen = valid.all(axis=-1)
-    change = np.abs(luma(levels) / lf.full_scale - grey[at])
+        found = sample(lf, chosen, disparity[at].astype(np.float64), _REACH, used)
+    seen = found.seen
+    change = np.abs(luma(found.levels) - grey[at])
     change = np.sort(np.where(seen, change, np.inf), axis=0)
     count = seen.sum(axis=0)
     typical = change[np.minimum(count // 2, len(change) - 1), np.arange(len(chosen))]
@@ -84,14 +85,14 @@ def likeness(
     points, disparity = points[inner], disparity[inner]
     around = np.array([(0, 0), (0, _NEAR), (0, -_NEAR), (_NEAR, 0), (-_NEAR, 0)])
     places = (points + around[:, None]).reshape(-1, 2)
-    levels, valid = engine.window_means(engine.views(lf), places, np.tile(disparity, len(around)), 1)
-    grey = (luma(levels) / np.float32(lf.full_scale)).reshape(len(levels), len(around), -1)
-    seen = np.asarray(valid.all(axis=-1)).reshape(grey.shape)
+    found = sample(lf, places, np.tile(disparity, len(around)), 1, engine)
+    grey = luma(found.levels).reshape(len(found.levels), len(around), -1)
+    seen = found.seen.reshape(grey.shape)
     contrast, both = grey[:, 1:] - grey[:, :1], seen[:, 1:] & seen[:, :1]
     centre = lf.centre[0] * lf.shape[1] + lf.centre[1]
     strong = np.abs(contrast[centre]) > _CONTRAST
-    result = np.full(len(levels), np.nan)
-    for view in range(len(levels)):
+    result = np.full(len(grey), np.nan)
+    for view in range(len(grey)):
         used = both[view] & both[centre] & strong
         if lf.available.flat[view] and np.count_nonzero(used) >= _FEWEST:
             result[view] = _correlation(contrast[view][used], contrast[centre][used])

@@ -23,6 +23,7 @@ from lfdepth.lightfield import FULL_SCALE, LUMA, LightField, reference_index
 from lfdepth.probe.levels import unevenness, view_levels
 from lfdepth.probe.matching import make_probe, match, plane_range, shrink_to, widest
 from lfdepth.probe.ranges import coarse_range
+from lfdepth.probe.samples import Samples, sample
 from lfdepth.probe.visibility import hidden, of_one_surface, surface_map
 
 if TYPE_CHECKING:
@@ -233,7 +234,7 @@ def equalise(
             np.float32
         )
         levels = lf.views[index] - (found.offset[index] * lf.full_scale).astype(np.float32)
-        levels *= factor[..., None] / found.gain[index].astype(np.float32)
+        levels *= factor[..., None] / np.maximum(found.gain[index], _LEAST_FACTOR).astype(np.float32)
         np.clip(levels, 0, white, out=levels)
         views[index] = levels if white == 1 else np.rint(levels)
     return replace(lf, views=views)
@@ -322,12 +323,15 @@ def _fitted(
     points, d = _points(disparity, lf.shape[2:4], reach)
     if d.size < _FEWEST:
         return _unknown(lf)
-    first = _Fit(*_samples(lf, points, d, reach, engine), lf.shape[:2], engine)
+    samples, terms = _samples(lf, points, d, reach, engine)
+    first = _Fit(samples.levels, samples.valid, terms, lf.shape[:2], engine)
+    if samples.seen[first.centre].sum() < _FEWEST:
+        return _unknown(lf)
     found = first.result(lf.available)
-    if not found.needed:
-        return found
-    known = disparity[np.isfinite(disparity)]
-    return _once_more(lf, first, found, range or (float(known.min()), float(known.max())), engine)
+    if found.needed:
+        known = disparity[np.isfinite(disparity)]
+        found = _once_more(lf, first, found, range or (float(known.min()), float(known.max())), engine)
+    return _left_alone(found, samples.idle) if samples.idle.any() else found
 
 
 def _once_more(
@@ -339,19 +343,20 @@ def _once_more(
     points, d = _points(of_one_surface(surface, unit), lf.shape[2:4], reach, _SAMPLES_AGAIN)
     if d.size < _FEWEST:
         return found
-    levels, valid, terms = _samples(lf, points, d, reach, engine)
-    seen = valid & ~hidden(lf, surface, unit, points, d, engine)[..., None]
+    samples, terms = _samples(lf, points, d, reach, engine)
+    seen = samples.valid & ~hidden(lf, surface, unit, points, d, engine)[..., None]
     told = seen.all(axis=-1).sum(axis=1) >= _FEWEST
-    again = first.again(levels, np.where(told[:, None, None], seen, valid), terms)
+    again = first.again(samples.levels, np.where(told[:, None, None], seen, samples.valid), terms)
     return again.result(lf.available, found.left_out)
 
 
 def _samples(
     lf: LightField, points: NDArray[np.int64], disparity: Array, reach: int, engine: Engine
-) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.float32]]:
-    """Levels (V·U, N, C) of points in all views, of full scale, whether they are known, and their terms."""
-    levels, valid = engine.window_means(engine.views(lf), points, disparity, reach)
-    levels /= lf.full_scale
+) -> tuple[Samples, NDArray[np.float32]]:
+    """Points in all views, and their terms; channels that are idle stand in for the others."""
+    found = sample(lf, points, disparity, reach, engine)
+    if found.idle.any():
+        found.levels[..., found.idle] = found.levels[..., ~found.idle].mean(axis=-1, keepdims=True)
     steps = lf.offsets.reshape(-1, 2)
     terms = _terms(
         *(
@@ -359,7 +364,12 @@ def _samples(
             for at, step, size in zip(points.T, steps.T, lf.shape[2:4], strict=True)
         )
     )
-    return levels, valid, terms
+    return found, terms
+
+
+def _left_alone(found: Equalisation, idle: NDArray[np.bool_]) -> Equalisation:
+    """The same, idle channels left as they are."""
+    return replace(found, gain=np.where(idle, 1.0, found.gain), offset=np.where(idle, 0.0, found.offset))
 
 
 def _unknown(lf: LightField) -> Equalisation:
@@ -445,7 +455,8 @@ class _Fit:
         """Vignetting that all views share, and what each view has besides, from logarithms of the luma."""
         views, count, _ = self.levels.shape
         # channels as they weigh in the reference view: else what is red seems shaded where red gains differ
-        even = (self.levels - self.offset[:, None].astype(np.float32)) / self.gain[:, None].astype(np.float32)
+        gain = np.maximum(self.gain, _LEAST_FACTOR).astype(np.float32)  # that of a black view is 0
+        even = (self.levels - self.offset[:, None].astype(np.float32)) / gain[:, None]
         lit = even @ self.luma
         usable = self.valid.all(axis=-1) & (lit > _DARK) & (lit[self.centre] > _DARK)
         lit = np.maximum(lit, _DARK)

@@ -19,6 +19,7 @@ from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField, grid_offsets, luma
 from lfdepth.probe.brightness import first_map
 from lfdepth.probe.matching import Probe, make_probe, match, plane_range, shrink_to
+from lfdepth.probe.samples import sample
 
 if TYPE_CHECKING:
     from lfdepth.engines.base import Engine
@@ -278,9 +279,8 @@ def _moved(
     moved = np.zeros((*lf.shape[:2], 2))
     for _ in range(turns):
         there = replace(lf, positions=lf.offsets + moved - grid_offsets((lf.shape[0], lf.shape[1])))
-        levels, valid = engine.window_means(engine.views(there), points, d, _REACH)
-        grey, seen = luma(levels) / np.float32(lf.full_scale), np.asarray(valid.all(axis=-1))
-        step, correction = _solved(there, points, d, gradient, grey, seen)
+        found = sample(there, points, d, _REACH, engine)
+        step, correction = _solved(there, points, d, gradient, luma(found.levels), found.seen)
         moved, d = moved + step, d + correction
     return _without_scale(moved, lf.offsets)
 
@@ -319,9 +319,11 @@ def _solved(
     off = np.rint(place) - place
     change = levels - levels[centre] - np.einsum("nk,vnk->vn", gradient, off)
     along = steps @ gradient.T  # what a change of disparity does
-    weight = valid & valid[centre]
-    weight = weight.astype(np.float64)
+    known = valid & valid[centre]
+    weight = known.astype(np.float64)
     moved, correction = np.zeros_like(steps), np.zeros_like(d)
+    if not known.any():
+        return moved.reshape(*lf.shape[:2], 2), correction
     for _ in range(_ROUNDS):
         rest = change - np.einsum("nk,vk->vn", gradient, moved) * d
         correction = (weight * along * rest).sum(axis=0) / ((weight * along**2).sum(axis=0) + 1e-6)
@@ -335,7 +337,7 @@ def _solved(
         moved = np.clip(moved, -1, 1)
         error = np.abs(rest - np.einsum("nk,vk->vn", design, moved))
         scale = max(1.5 * float(np.median(error[valid])), 5e-4)
-        weight = (valid & valid[centre]) / (1 + (error / (2 * scale)) ** 2) ** 2
+        weight = known / (1 + (error / (2 * scale)) ** 2) ** 2
     return moved.reshape(*lf.shape[:2], 2), correction
 
 
