@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from numba.core import caching
 
 import lfdepth
 from lfdepth.engines.cpu import compilation
@@ -109,3 +110,19 @@ def test_the_digest_covers_all_that_kernels_import() -> None:
                     package.parent.joinpath(*str(node.module).split(".")).with_suffix(".py").resolve()
                     in sources
                 )
+
+
+def test_kernels_that_two_processes_compile_at_once_keep_apart(tmp_path: Path) -> None:
+    """One saves while the other is half done, by an index that it read before: neither gets the other's."""
+    kind = compilation.one_file_each(caching.IndexDataCacheFile)
+    one, other, later = (kind(str(tmp_path), "kernel", "stamp") for _ in range(3))
+    save_data, other._load_index = one._save_data, dict
+
+    def save_and_wait(name: str, data: str) -> None:
+        other.save("float32", "code for float32")
+        save_data(name, data)
+
+    one._save_data = save_and_wait
+    one.save("uint8", "code for uint8")
+    assert later.load("float32") == "code for float32"
+    assert later.load("uint8") == "code for uint8"

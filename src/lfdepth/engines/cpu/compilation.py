@@ -36,15 +36,38 @@ def kernel_cache() -> Iterator[None]:
     folder can be written numba is left to say so.
     """
     from numba import config
+    from numba.core import caching
 
-    given = config.CACHE_DIR
+    given, usual = config.CACHE_DIR, caching.IndexDataCacheFile
     folder = _writable(given)
     if folder is not None:
         config.CACHE_DIR = str(folder)
+    caching.IndexDataCacheFile = one_file_each(usual)
     try:
         yield
     finally:
-        config.CACHE_DIR = given
+        config.CACHE_DIR, caching.IndexDataCacheFile = given, usual
+
+
+def one_file_each(usual: Any) -> Any:
+    """Numba's class of cache files, changed so that no two kernels are ever given one file.
+
+    numba numbers the files of a function's compiled forms by its index. Two processes that compile it for
+    different types at the same time take the same number; then the index leads from one's types to the
+    other's code, which reads arrays of other types or layouts, and computes nonsense without a word.
+    Here the name of a file is told by the types, and the index is read again right before it is written.
+    """
+
+    class OneFileEach(usual):  # type: ignore[misc]  # numba has no types
+        def save(self, key: Any, data: Any) -> None:
+            """Save a compiled form, then its entry: an entry that another process loses is compiled again."""
+            name = self._data_name_pattern.replace(
+                "{number:d}", blake2b(repr(key).encode(), digest_size=8).hexdigest()
+            )
+            self._save_data(name, data)
+            self._save_index({**self._load_index(), key: name})
+
+    return OneFileEach
 
 
 def sources() -> list[Path]:
