@@ -294,7 +294,7 @@ def first_map(
     """Coarse disparity by local contrast, of any size, NaN where it is not certain; None if there is none."""
     shrink = shrink_to(lf, _SIDE)
     limit = widest(lf) if range is None else max(-range[0], range[1], 0.1)
-    probe = make_probe(lf, limit, shrink, _RINGS, contrast=True, engine=engine)
+    probe = make_probe(lf, limit, shrink, _RINGS, contrast=True)
     if range is None:
         range = coarse_range(probe, limit, engine)
     if range is None:
@@ -324,7 +324,7 @@ def _fitted(
     if d.size < _FEWEST:
         return _unknown(lf)
     samples, terms = _samples(lf, points, d, reach, engine)
-    first = _Fit(samples.levels, samples.valid, terms, lf.shape[:2], engine)
+    first = _Fit(samples.levels, samples.valid, terms, lf.shape[:2])
     if samples.seen[first.centre].sum() < _FEWEST:
         return _unknown(lf)
     found = first.result(lf.available)
@@ -411,10 +411,8 @@ class _Fit:
         valid: NDArray[np.bool_],
         terms: NDArray[np.float32],
         grid: tuple[int, int],
-        engine: Engine,
     ) -> None:
         self.levels, self.valid, self.terms, self.grid = levels, valid, terms, grid
-        self.engine = engine
         v, u = reference_index(grid)
         self.centre = v * grid[1] + u
         self.luma = LUMA if levels.shape[2] == 3 else np.ones(1, np.float32)
@@ -496,11 +494,7 @@ class _Fit:
     def _fit_gains(self) -> None:
         """Match means, and with offsets standard deviations, which noise and misalignment leave alike."""
         factor = self._factor()
-
-        def fit(c: int) -> tuple[Array, Array, NDArray[np.float32], Array]:
-            return self._fit_channel(c, factor)
-
-        fitted = self.engine.each(fit, range(self.levels.shape[2]))
+        fitted = [self._fit_channel(c, factor) for c in range(self.levels.shape[2])]
         self.weight = np.ones(self.valid.shape[:2], np.float32)
         for c, (slope, offset, weight, _) in enumerate(fitted):
             self.gain[:, c], self.offset[:, c] = slope, offset if self.with_offset else 0
