@@ -288,7 +288,7 @@ def test_tiles_on_a_cluster_from_the_command_line(
     """A worker of a scheduler makes the same map, to the last byte, as this process."""
     pytest.importorskip("distributed")
     alone, shared = tmp_path / "alone.npy", tmp_path / "shared.npy"
-    common = ["estimate", str(saved), "--memory", "356MB", "--halo", "16", "--method", "fbs-sfa", "--json"]
+    common = ["estimate", str(saved), "--memory", "353MB", "--halo", "16", "--method", "fbs-sfa", "--json"]
     common += ["--step", "0.14"]
     assert main([*common, "-o", str(alone), "--workers", "1", "--threads", "1"]) == 0
     one = json.loads(capsys.readouterr().out)
