@@ -26,10 +26,11 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.blocks.jumps import local_extremes, near_jumps
+from lfdepth.blocks.jumps import near_jumps
 from lfdepth.blocks.photo import local_thresholds
 from lfdepth.engines import single
 from lfdepth.engines.base import EdgeColours, Engine
+from lfdepth.engines.boxes import local_extremes
 from lfdepth.lightfield import LightField
 
 _JUMP = 0.15  # px per view step between neighbours that make an edge

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.blocks.jumps import local_range
 from lfdepth.blocks.median import weighted_median
 from lfdepth.blocks.photo import local_thresholds
 from lfdepth.engines import single
 from lfdepth.engines.base import Engine
+from lfdepth.engines.boxes import local_range
 from lfdepth.lightfield import LightField
 from lfdepth.trace import Trace
 

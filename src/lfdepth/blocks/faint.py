@@ -16,10 +16,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.blocks.jumps import local_largest, near_jumps
+from lfdepth.blocks.jumps import near_jumps
 from lfdepth.blocks.noise import ramp
 from lfdepth.engines import single
 from lfdepth.engines.base import Array, Engine
+from lfdepth.engines.boxes import local_largest
 
 Map = NDArray[np.float32]
 

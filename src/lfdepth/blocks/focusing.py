@@ -10,8 +10,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from lfdepth.blocks.jumps import local_largest
 from lfdepth.engines.base import Engine, Float
+from lfdepth.engines.boxes import local_largest
 from lfdepth.lightfield import LightField
 
 

@@ -1,4 +1,4 @@
-"""Means over windows, for statistics that are computed once per light field."""
+"""Means and extremes over windows, for what is computed once per light field or map."""
 
 from __future__ import annotations
 
@@ -24,3 +24,37 @@ def box_mean(image: NDArray[Any], radius: int, kind: Any = np.float64) -> NDArra
         count = (last - first).reshape((-1, 1) if axis == 0 else (1, -1)).astype(kind)
         mean = (total.take(last, axis) - total.take(first, axis)) / count
     return mean
+
+
+def local_range(image: NDArray[np.float32], radius: int) -> NDArray[np.float32]:
+    """Largest less smallest value within (2·radius + 1)² windows of an image (H, W), borders repeated."""
+    high, low = local_extremes(image, radius)
+    return high - low
+
+
+def local_extremes(
+    image: NDArray[np.float32], radius: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Largest and smallest value within (2·radius + 1)² windows of an image (H, W), borders repeated."""
+    return local_largest(image, radius), join_around(np.minimum, image, radius)
+
+
+def local_largest(image: NDArray[np.float32], radius: int) -> NDArray[np.float32]:
+    """Largest value within (2·radius + 1)² windows of an image (H, W), borders repeated."""
+    return join_around(np.maximum, image, radius)
+
+
+def join_around(join: np.ufunc, image: NDArray[Any], radius: int) -> NDArray[Any]:
+    """Join every value with those in the (2·radius + 1)² window around it."""
+    return _along(join, _along(join, image, radius, 0), radius, 1)
+
+
+def _along(join: np.ufunc, image: NDArray[Any], radius: int, axis: int) -> NDArray[Any]:
+    """Join every value with those up to `radius` away along one axis; what repeated borders add is there."""
+    joined = image.copy()
+    for distance in range(1, radius + 1):
+        before, after = [slice(None)] * image.ndim, [slice(None)] * image.ndim
+        before[axis], after[axis] = slice(None, -distance), slice(distance, None)
+        for here, there in ((tuple(before), tuple(after)), (tuple(after), tuple(before))):
+            join(joined[here], image[there], out=joined[here])
+    return joined

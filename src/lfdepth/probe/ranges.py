@@ -129,12 +129,10 @@ def find_range(
     with using(engine, threads=threads) as used:
         if given is None and _reaches_beyond(lf, limit, used):
             limit *= WIDER
-        coarse = make_probe(lf, limit, shrink_to(lf, _COARSE_SIDE), _RINGS)
-        found = coarse_range(coarse, limit, used)
+        found = coarse_range(make_probe(lf, limit, shrink_to(lf, _COARSE_SIDE), _RINGS), limit, used)
         hidden = given is None and _is_beyond_in_next(lf, limit, used)
         if found is not None:
-            farthest = max(-found[0], found[1])
-            probe = make_probe(lf, farthest, shrink_to(lf, _FINE_SIDE), _RINGS)
+            probe = make_probe(lf, max(-found[0], found[1]), shrink_to(lf, _FINE_SIDE), _RINGS)
             fine = match(probe, plane_range(*found, probe.unit / 2), used)
             found = _fine_ends(fine, probe.unit, max(1.0, _USUAL_REACH / probe.reach))
     if found is None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfdepth.engines.boxes import local_largest, local_range
 from lfdepth.lightfield import LightField
 from lfdepth.probe.matching import make_probe, match, plane_range, shrink_to
 
@@ -23,7 +24,6 @@ Map = NDArray[np.float32]
 # Planes per px by which the outermost view moves; by how much of that px something nearer hides a point, and
 # up to how much of it surroundings are one surface.
 _PLANES, _NEARER, _FLAT = 4, 0.5, 1.0
-_AROUND = [(down, across) for down in (-1, 0, 1) for across in (-1, 0, 1)]
 
 
 def surface_map(
@@ -56,8 +56,7 @@ def surface_map(
 
 def of_one_surface(disparity: Map, unit: float) -> Map:
     """The map (H, W), NaN where it changes within 3×3 px by more than the outermost view tells."""
-    around = _neighbours(disparity)
-    return np.where(around.max(axis=0) - around.min(axis=0) < _FLAT * unit, disparity, np.float32(np.nan))
+    return np.where(local_range(disparity, 1) < _FLAT * unit, disparity, np.float32(np.nan))
 
 
 def hidden(
@@ -88,17 +87,8 @@ def hidden(
     for view, step in enumerate(lf.offsets.reshape(-1, 2)):
         if not lf.available.flat[view]:
             continue
-        front = _neighbours(engine.seen(shrunk, (float(step[0]), float(step[1])))).max(axis=0)
+        front = local_largest(engine.seen(shrunk, (float(step[0]), float(step[1]))), 1)
         there = np.rint(places - moved[:, None] * step).astype(np.intp).clip(0, size - 1)
         nearer: Any = front[there[:, 0], there[:, 1]] - moved
         result[view] = nearer * scale.mean() > _NEARER * unit
     return result
-
-
-def _neighbours(image: Map) -> Map:
-    """Every pixel and those around it, (9, H, W), borders repeated."""
-    padded = np.pad(image, 1, "edge")
-    height, width = image.shape
-    return np.stack(
-        [padded[1 + down : 1 + down + height, 1 + across : 1 + across + width] for down, across in _AROUND]
-    )
