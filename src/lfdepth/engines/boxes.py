@@ -19,10 +19,16 @@ def box_mean(image: NDArray[Any], radius: int, kind: Any = np.float64) -> NDArra
     mean = np.asarray(image, kind)
     for axis in (0, 1):
         length = mean.shape[axis]
-        total = np.concatenate([np.zeros_like(mean.take([0], axis)), np.cumsum(mean, axis)], axis)
+        inner = max(length - radius, 0)
+        total = np.empty((length + 1, mean.shape[1]) if axis == 0 else (len(mean), length + 1), mean.dtype)
+        sums, means = (array if axis == 0 else array.T for array in (total, np.empty_like(mean, order="C")))
+        sums[0] = 0
+        np.cumsum(mean if axis == 0 else mean.T, 0, out=sums[1:])
+        means[:inner], means[inner:] = sums[radius + 1 :][:inner], sums[-1]
+        means[radius:] -= sums[:inner]
         first, last = window_ends(length, radius)
-        count = (last - first).reshape((-1, 1) if axis == 0 else (1, -1)).astype(kind)
-        mean = (total.take(last, axis) - total.take(first, axis)) / count
+        means /= (last - first)[:, None].astype(kind)
+        mean = means if axis == 0 else means.T
     return mean
 
 

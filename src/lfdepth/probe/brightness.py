@@ -294,7 +294,7 @@ def first_map(
     """Coarse disparity by local contrast, of any size, NaN where it is not certain; None if there is none."""
     shrink = shrink_to(lf, _SIDE)
     limit = widest(lf) if range is None else max(-range[0], range[1], 0.1)
-    probe = make_probe(lf, limit, shrink, _RINGS, contrast=True)
+    probe = make_probe(lf, limit, shrink, _RINGS, contrast=True, engine=engine)
     if range is None:
         range = coarse_range(probe, limit, engine)
     if range is None:
@@ -324,7 +324,7 @@ def _fitted(
     if d.size < _FEWEST:
         return _unknown(lf)
     samples, terms = _samples(lf, points, d, reach, engine)
-    first = _Fit(samples.levels, samples.valid, terms, lf.shape[:2])
+    first = _Fit(samples.levels, samples.valid, terms, lf.shape[:2], engine)
     if samples.seen[first.centre].sum() < _FEWEST:
         return _unknown(lf)
     found = first.result(lf.available)
@@ -411,8 +411,10 @@ class _Fit:
         valid: NDArray[np.bool_],
         terms: NDArray[np.float32],
         grid: tuple[int, int],
+        engine: Engine,
     ) -> None:
         self.levels, self.valid, self.terms, self.grid = levels, valid, terms, grid
+        self.engine = engine
         v, u = reference_index(grid)
         self.centre = v * grid[1] + u
         self.luma = LUMA if levels.shape[2] == 3 else np.ones(1, np.float32)
@@ -471,7 +473,7 @@ class _Fit:
         solved, common = np.zeros((views, design.shape[-1])), 0.0
         for multiple in _TRUSTED:
             # logarithms of the factors, and how they change with the parameters, about those of before
-            own = np.einsum("vnk,vk->vn", design[..., 1:], solved[:, 1:].astype(np.float32))
+            own = _sum_of_terms(design[..., 1:], solved[:, 1:])
             base = np.maximum(1 + (own + common * shared_radius) / self.power, _LEAST_FACTOR)
             log = self.power * np.log(base)
             slope = (1 / base).astype(np.float32)
@@ -481,7 +483,7 @@ class _Fit:
             shown = (log - log[self.centre]).astype(np.float32)
             about = target - shown + own * slope + np.float32(common) * column
             solved, common = _arrow(turned, column, about, weight / _ERROR**2, np.array(prior))
-            fitted = np.einsum("vnk,vk->vn", turned, solved.astype(np.float32)) + np.float32(common) * column
+            fitted = _sum_of_terms(turned, solved) + np.float32(common) * column
             error = np.abs(about - fitted) * lit
             relative = error / _scale(error, usable)
             weight = usable * lit**2 * _trust(relative, multiple) * _shown_everywhere(relative, usable)
@@ -494,7 +496,11 @@ class _Fit:
     def _fit_gains(self) -> None:
         """Match means, and with offsets standard deviations, which noise and misalignment leave alike."""
         factor = self._factor()
-        fitted = [self._fit_channel(c, factor) for c in range(self.levels.shape[2])]
+
+        def fit(c: int) -> tuple[Array, Array, NDArray[np.float32], Array]:
+            return self._fit_channel(c, factor)
+
+        fitted = self.engine.each(fit, range(self.levels.shape[2]))
         self.weight = np.ones(self.valid.shape[:2], np.float32)
         for c, (slope, offset, weight, _) in enumerate(fitted):
             self.gain[:, c], self.offset[:, c] = slope, offset if self.with_offset else 0
@@ -680,6 +686,16 @@ class _Fit:
     def _needed(self, effect: Array, used: NDArray[np.bool_]) -> bool:
         notable = np.maximum(_NOTABLE, _APART * self.scatter)
         return self.with_vignetting or self.with_offset or bool((used & (effect > notable)).any())
+
+
+def _sum_of_terms(terms: NDArray[np.float32], parameters: Array) -> NDArray[np.float32]:
+    """What terms (V·U, N, K) times the parameters of each view (V·U, K) come to, (V·U, N); K may be 0.
+
+    Then `einsum` would read the element that an empty array has not, and where that is NaN, so is all.
+    """
+    if not terms.shape[2]:
+        return np.zeros(terms.shape[:2], np.float32)
+    return np.asarray(np.einsum("vnk,vk->vn", terms, parameters.astype(np.float32)))
 
 
 def _arrow(

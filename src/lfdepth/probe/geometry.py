@@ -100,7 +100,7 @@ def measure_aspect(
         return None
     shrink = shrink_to(lf, _SIDE)
     wide = max(-range[0], range[1]) * 1.5 + 0.5
-    probe = make_probe(lf, wide, shrink, (1.0, 1 / 2), contrast=True)
+    probe = make_probe(lf, wide, shrink, (1.0, 1 / 2), contrast=True, engine=engine)
     along_rows, along_columns = probe.offsets[:, 0] == 0, probe.offsets[:, 1] == 0
     if lf.positions is not None:
         along_rows, along_columns = (np.abs(probe.offsets[:, axis]) < 0.5 for axis in (0, 1))

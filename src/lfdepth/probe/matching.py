@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lfdepth.engines import using
 from lfdepth.engines.boxes import box_mean
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField, luma
@@ -163,7 +164,13 @@ def plane_range(low: float, high: float, step: float) -> NDArray[np.float64]:
 
 
 def make_probe(
-    lf: LightField, limit: float, shrink: int, rings: Sequence[float], *, contrast: bool = False
+    lf: LightField,
+    limit: float,
+    shrink: int,
+    rings: Sequence[float],
+    *,
+    contrast: bool = False,
+    engine: Engine | None = None,
 ) -> Probe:
     """Take views for planes up to |D| = `limit` px per view step.
 
@@ -180,6 +187,8 @@ def make_probe(
         precise; inner ones see through gaps, and repeat themselves less.
     contrast
         Take local contrast instead of grey levels: it stays the same where brightness differs.
+    engine
+        Engine whose threads prepare the views.
 
     Raises
     ------
@@ -193,8 +202,14 @@ def make_probe(
     prepared = local_contrast if contrast else _prepared
     reference = prepared(lf, (v, u), shrink)
     views = np.empty((len(offsets), reference.shape[0], reference.shape[1] + 2 * margin), np.float32)
-    for view, (down, across) in zip(views, places, strict=True):
-        view[:] = np.pad(prepared(lf, (v + down, u + across), shrink), ((0, 0), (margin, margin)), "edge")
+
+    def fill(index: int) -> None:
+        down, across = places[index]
+        view = prepared(lf, (v + down, u + across), shrink)
+        views[index] = np.pad(view, ((0, 0), (margin, margin)), "edge")
+
+    with using(engine) as used:
+        used.each(fill, range(len(views)))
     return Probe(reference, views, offsets, shrink, margin)
 
 
@@ -307,9 +322,13 @@ def _summed(samples: NDArray[Any], shrink: int, axis: int) -> NDArray[Any]:
         samples[(slice(None),) * axis + (slice(first, length * shrink, shrink),)] for first in range(shrink)
     ]
     wide = np.uint32 if samples.dtype.kind == "u" else np.float32
-    total: NDArray[Any] = np.add(parts[0], parts[1], dtype=wide)
-    for part in parts[2:]:
-        total += part
+    total: NDArray[Any] = np.empty(parts[0].shape, wide)
+    # Pixels that are not neighbours any more are added channel by channel, not three samples at a time.
+    channels = range(samples.shape[2]) if axis == 1 else [slice(None)]
+    for c in channels:
+        np.add(parts[0][..., c], parts[1][..., c], out=total[..., c], dtype=wide)
+        for part in parts[2:]:
+            total[..., c] += part[..., c]
     return total
 
 

@@ -298,7 +298,7 @@ def find_grid(lf: LightField, engine: Engine, *, applied: Reordering = AS_STORED
 def _ordered(lf: LightField, base: Reordering, applied: Reordering, engine: Engine) -> Orientation:
     """What the pixels say of views that were read with `base`, every row in one direction."""
     for limit in (widest(lf), WIDER * widest(lf)):
-        probe = make_probe(lf, limit, shrink_to(lf, _SIDES[0]), _RINGS, contrast=True)
+        probe = make_probe(lf, limit, shrink_to(lf, _SIDES[0]), _RINGS, contrast=True, engine=engine)
         order, found, agreeing, decisive = _find_order(probe, limit, engine)
         in_place = _share_in_place(lf, order, probe, found, engine)
         decided = decisive >= _DECISIVE and agreeing >= _AGREEING and in_place >= _IN_PLACE
@@ -419,7 +419,7 @@ def _find_sign(
         return sign
     shades: Shades | None = None
     for shrink in dict.fromkeys(shrink_to(lf, side) for side in _SIDES):
-        grey = make_probe(lf, max(-span[0], span[1]), shrink, _RINGS)
+        grey = make_probe(lf, max(-span[0], span[1]), shrink, _RINGS, engine=engine)
         if shades is None:
             shades = measure_shades(grey, found, order)
         grey = shades.evened(grey)

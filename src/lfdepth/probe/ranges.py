@@ -129,10 +129,12 @@ def find_range(
     with using(engine, threads=threads) as used:
         if given is None and _reaches_beyond(lf, limit, used):
             limit *= WIDER
-        found = coarse_range(make_probe(lf, limit, shrink_to(lf, _COARSE_SIDE), _RINGS), limit, used)
+        coarse = make_probe(lf, limit, shrink_to(lf, _COARSE_SIDE), _RINGS, engine=used)
+        found = coarse_range(coarse, limit, used)
         hidden = given is None and _is_beyond_in_next(lf, limit, used)
         if found is not None:
-            probe = make_probe(lf, max(-found[0], found[1]), shrink_to(lf, _FINE_SIDE), _RINGS)
+            farthest = max(-found[0], found[1])
+            probe = make_probe(lf, farthest, shrink_to(lf, _FINE_SIDE), _RINGS, engine=used)
             fine = match(probe, plane_range(*found, probe.unit / 2), used)
             found = _fine_ends(fine, probe.unit, max(1.0, _USUAL_REACH / probe.reach))
     if found is None:
@@ -159,7 +161,7 @@ def margin(lf: LightField) -> float:
 def _reaches_beyond(lf: LightField, limit: float, engine: Engine) -> bool:
     """Whether small pictures show surfaces beyond a limit."""
     wider = WIDER * limit
-    probe = make_probe(lf, wider, shrink_to(lf, _SMALL_SIDE), _RINGS)
+    probe = make_probe(lf, wider, shrink_to(lf, _SMALL_SIDE), _RINGS, engine=engine)
     found = ends(match(probe, plane_range(-wider, wider, probe.unit), engine), probe.unit, _BEYOND)
     return found is not None and max(-found[0], found[1]) > _CUT_OFF * limit - probe.unit
 
@@ -172,7 +174,7 @@ def _is_beyond_in_next(lf: LightField, limit: float, engine: Engine) -> bool:
     wider = WIDER * widest(inner)
     if inner.shape == lf.shape or wider <= limit or np.count_nonzero(inner.available) < 2:
         return False
-    probe = make_probe(inner, wider, shrink_to(inner, _SMALL_SIDE), (1.0,))
+    probe = make_probe(inner, wider, shrink_to(inner, _SMALL_SIDE), (1.0,), engine=engine)
     found = ends(match(probe, plane_range(-wider, wider, probe.unit), engine), probe.unit, _NEXT)
     return found is not None and max(-found[0], found[1]) > limit + probe.unit
 

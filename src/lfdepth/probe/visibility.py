@@ -49,7 +49,7 @@ def surface_map(
     Disparity of every pixel of the shrunk views, px per view step; that by which the outermost view moves by
     one of these pixels.
     """
-    probe = make_probe(lf, max(-range[0], range[1], 0.1), shrink_to(lf, side), rings)
+    probe = make_probe(lf, max(-range[0], range[1], 0.1), shrink_to(lf, side), rings, engine=engine)
     found = match(probe, plane_range(*range, probe.unit / _PLANES), engine, halves=True)
     return found.disparity, probe.unit
 
