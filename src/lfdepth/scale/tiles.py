@@ -65,7 +65,7 @@ _SAMPLE = 512  # px, side of the window on which noise is measured
 _FIVE = 320, 224, 160, 96  # px, sides that five windows may have, on which a method measures what it takes
 _SMALLEST, _LARGEST, _MULTIPLE = 32, 4096, 32  # px, sides of tiles
 _PROCESS = 350_000_000  # bytes of an interpreter with its libraries and kernels
-_HELD = 1.15  # what a process comes to hold, as arrays of many sizes leave gaps, over what one tile takes
+_HELD = 1.25  # what a process comes to hold, as arrays of many sizes leave gaps, over what one tile takes
 _PROBE, _EQUALISATION, _MEASURED = "probe.npz", "equalisation_", "measured.json"
 _BORDER, _PATHS = "border_", "paths_"
 """What the names of arrays in a tile's file begin with: its map at its borders, and paths that leave it."""
