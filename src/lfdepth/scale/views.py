@@ -234,6 +234,16 @@ class WrittenViews:
         Share of the pixels that hold: see `ViewMaps`.
     runtime
         Seconds for all of it.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import lfdepth
+    >>> from lfdepth import scenes
+    >>> lf = scenes.render("bars", size=64, views=3)
+    >>> made = lfdepth.estimate_views_to(lf, f"{tempfile.mkdtemp()}/maps", "fbs-sfa", planes=10)
+    >>> made.reference.disparity.shape
+    (64, 64)
     """
 
     reference: Result
