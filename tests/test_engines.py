@@ -37,6 +37,7 @@ from lfdepth.blocks.surface import fit_surfaces
 from lfdepth.engines.base import Engine
 from lfdepth.engines.cpu.workers import bands
 from lfdepth.engines.layout import ENERGY_SCALE as SCALE
+from lfdepth.engines.layout import surface_levels
 from lfdepth.errors import LightFieldError
 from lfdepth.estimation import estimate
 from lfdepth.lightfield import LightField, grid_offsets
@@ -849,7 +850,7 @@ def test_support_agrees_with_the_oracle(used: Engine, at: tuple[int, int], dtype
     lf = fields.light_field(rng, grid, size, 3, dtype)
     maps = maps_of_views(rng, grid, size)
     views = used.views(lf)
-    surfaces = used.known_surfaces(maps, views)
+    surfaces = used.known_surfaces(surface_levels(maps), views)
     places = np.argwhere(rng.random(size) < 0.3)
     candidates = rng.uniform(-1.5, 1.5, (len(places), 3)).astype(np.float32)
     candidates[::4, 1] = np.nan

@@ -174,6 +174,42 @@ def test_the_past_goes_where_the_picture_changed() -> None:
     np.testing.assert_array_equal(kept[1], plane(0.56))
 
 
+def test_what_rests_beside_what_moved_keeps_its_mean() -> None:
+    """Unless it lies at a disparity of what moved, of which it may be a part that looks as it did."""
+    rng = np.random.default_rng(2)
+    first, second = (rng.random((1, 1, 48, 48, 3)).astype(np.float32).repeat(3, axis=1) for _ in range(2))
+    board, strip = (slice(16, 32), slice(16, 28)), (slice(16, 32), slice(29, 33))
+    moved = first.copy()
+    moved[:, :, *board] = second[:, :, *board]
+    before, after = (np.full((48, 48), value, np.float32) for value in (0.50, 0.53))
+    before[board], after[board] = 1.50, 1.56
+    before[strip], after[strip] = 1.40, 1.44
+    certain = np.ones((48, 48), np.float32)
+    _, past = steady(LightField(first), before, certain, None, None, 0.01)
+    kept, _ = steady(LightField(moved), after, certain, None, past, 0.01)
+    expected = np.full((48, 48), 0.515, np.float32)
+    expected[board], expected[strip] = 1.56, 1.44
+    beside = np.ones((48, 48), np.bool_)
+    beside[15:33, 15:34] = False  # a window of 3x3 px touches the board
+    beside[board] = beside[strip] = True
+    np.testing.assert_allclose(kept[beside], expected[beside], atol=1e-6)
+    assert beside[12:15].all()  # nearer than `spread` and a window: nothing of it counted as resting before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [{}, {"cut": 4}])
+def test_a_moving_scene_flickers_less_than_half(tmp_path: Path, kind: dict[str, Any]) -> None:
+    """From each frame to the next of its scene, where the truth stays: measured 0.40 and 0.45."""
+    made = Made(tmp_path, frames=8, motion=3, **kind)
+    truth = np.stack([truth_of(lf) for lf in made.frames])
+    rests = np.diff(truth, axis=0) == 0
+    rests[[cut - 1 for cut in kind.values()]] = False
+    apart, steadied = (np.abs(np.diff(maps, axis=0))[rests].mean() for maps in (made.apart, made.steady))
+    assert steadied <= 0.5 * apart
+    assert error(made.steady, made.frames) <= error(made.apart, made.frames)
+    assert bad(made.steady, made.frames) <= bad(made.apart, made.frames)
+
+
 def test_change_is_told_from_noise() -> None:
     rng = np.random.default_rng(1)
     sigma = 0.02

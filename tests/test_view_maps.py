@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import errno
+import shutil
+import tracemalloc
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +22,8 @@ from lfdepth.lightfield import LightField
 from lfdepth.result import ViewMaps
 from lfdepth.scale import look as scale_look
 from lfdepth.scale import views as scale_views
-from lfdepth.scale.views import consistency, estimate_views, outermost_views
+from lfdepth.scale.scratch import Scratch
+from lfdepth.scale.views import consistency, estimate_views, estimate_views_to, outermost_views
 
 SIZE, GRID = 96, 5
 FAST: dict[str, Any] = {"threads": 1, "check": False, "effort": "fast"}
@@ -150,7 +154,9 @@ def test_absent_views_have_no_map() -> None:
 
 def test_too_many_maps_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scale_views, "available_memory", lambda: 10_000_000 // 5)
-    with pytest.raises(LightFieldError, match=r"maps of all 25 views need .* expected enough memory; use"):
+    with pytest.raises(
+        LightFieldError, match=r"maps of all 25 views need .* enough memory; write them one by one"
+    ):
         estimate_views(scene(), **FAST)
 
 
@@ -183,6 +189,121 @@ def test_other_endings_are_refused(tmp_path: Path) -> None:
         lfdepth.write(tmp_path / "a.pfm", maps())
 
 
+# Written one by one
+
+QUICK: dict[str, Any] = {"threads": 1, "check": False, "method": "fbs-sfa", "planes": 12}
+
+
+@cache
+def holed() -> LightField:
+    """A light field without two of its views."""
+    lf = scenes.render("bars", size=48, views=(3, 5))
+    present = np.ones((3, 5), np.bool_)
+    present[0, 0] = present[1, 4] = False
+    return LightField(lf.views, present=present, disparity_range=lf.disparity_range)
+
+
+@pytest.mark.parametrize("name", ["a.npz", "a.zarr", "a"])
+def test_maps_that_are_written_one_by_one_are_the_same(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The oracle is the road through memory: the same bits, with bands of rows that cut everything."""
+    whole = estimate_views(holed(), **QUICK)
+    monkeypatch.setattr(scale_views, "_BAND_BYTES", 0)
+    monkeypatch.setattr(scale_views, "_LEAST_ROWS", 7)
+    made = estimate_views_to(holed(), tmp_path / name, **QUICK)
+    assert made.consistency == whole.consistency
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+    lfdepth.write(tmp_path / f"b{name[1:]}", whole)
+    found, expected = (_all_arrays(tmp_path / each) for each in (name, f"b{name[1:]}"))
+    assert sorted(found) == sorted(expected)
+    assert len(found) == (26 if name == "a" else 3)  # files of disparity and confidence for each of 13 views
+    for key, array in expected.items():
+        assert found[key].dtype == array.dtype
+        np.testing.assert_array_equal(found[key], array)
+    if name != "a":
+        np.testing.assert_array_equal(found["disparity"], whole.disparity)
+        np.testing.assert_array_equal(found["visible"], whole.visible)
+
+
+def _all_arrays(path: Path) -> dict[str, Any]:
+    if path.suffix == ".npz":
+        with np.load(path) as file:
+            return {key: array for key, array in file.items() if array.ndim == 4}
+    if path.suffix == ".zarr":
+        group = pytest.importorskip("zarr").open_group(str(path), mode="r")
+        assert group.attrs["unit"] == "px per view step"
+        return {key: group[key][...] for key in ("disparity", "confidence", "visible")}
+    return {each.name: read_disparity(each) for each in path.glob("*.pfm")}
+
+
+@pytest.mark.parametrize("name", ["a.npz", "a.zarr", "a"])
+def test_a_full_disk_is_named_and_nothing_stays(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    lfdepth.write(tmp_path / name, estimate_views(holed(), **QUICK))
+    before = {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")}
+    monkeypatch.setattr("lfdepth.scale.scratch._Filed.put", full)
+    with pytest.raises(LightFieldError, match=rf"{name}: cannot be written \(No space left on device\)"):
+        estimate_views_to(holed(), tmp_path / name, **QUICK)
+    assert {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*")} == before
+
+
+def test_what_is_interrupted_leaves_nothing(tmp_path: Path) -> None:
+    def stop(_done: int, _total: int, what: str) -> None:
+        if what == "agreement":
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        estimate_views_to(holed(), tmp_path / "a.npz", progress=stop, **QUICK)
+    assert not list(tmp_path.iterdir())
+
+
+def test_memory_is_what_is_reckoned_with(tmp_path: Path) -> None:
+    """From the first splat on: `_KEPT` bytes for each pixel and view, or `_AT_ONCE` for each pixel alone."""
+    lf = scene()
+
+    def follow(done: int, _total: int, _what: str) -> None:
+        if done == 2:  # anchors are among what is counted
+            tracemalloc.start()
+        elif done == 6:
+            tracemalloc.reset_peak()
+
+    peaks = []
+    for estimated in (estimate_views, partial(estimate_views_to, out=tmp_path / "a")):
+        try:
+            made = estimated(lf, **QUICK, progress=follow)
+            peaks.append(tracemalloc.get_traced_memory()[1])
+        finally:
+            tracemalloc.stop()
+        del made
+    kept, at_once = (scale_views._KEPT * SIZE**2 * GRID**2, scale_views._AT_ONCE * SIZE**2)
+    assert 0.8 * kept < peaks[0] < kept + at_once
+    assert 0.8 * at_once < peaks[1] < at_once
+
+
+def test_memory_of_what_was_looked_at_is_given_back(tmp_path: Path) -> None:
+    psutil = pytest.importorskip("psutil")
+    resident = psutil.Process().memory_info
+    if not hasattr(__import__("mmap").mmap, "madvise"):
+        pytest.skip("this system does not offer to give memory back")
+    with Scratch(tmp_path) as scratch:
+        maps = scratch.maps((60, 500, 500), np.float32)
+        for index in range(60):
+            maps.put(index, np.full((500, 500), index, np.float32))
+        before = resident().rss
+        assert maps.whole().sum(dtype=np.float64) == 500 * 500 * sum(range(60))
+        looked_at = resident().rss - before
+        assert looked_at > 50e6  # of 60 MB
+        maps.let_go()
+        assert resident().rss - before < 0.2 * looked_at
+        assert maps.whole()[59, 499, 499] == 59
+    assert not list(tmp_path.iterdir())
+
+
 # The command line
 
 
@@ -201,18 +322,26 @@ def test_all_views_from_the_command_line(saved: Path, capsys: pytest.CaptureFixt
     assert np.load(out)["disparity"].shape == (3, 3, 48, 48)
 
 
-def test_maps_that_do_not_fit_are_refused_before_views_are_read(
+def test_what_does_not_fit_is_refused_before_views_are_read(
     saved: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """17x17 views of 2048x2048 px in 8 bits: 289 · 2048² · 23 bytes are 28 GB, with the views themselves."""
+    """17x17 views of 2048x2048 px in 8 bits are 3.64 GB, read and copied; maps need 289 · 2048² · 34."""
     shape = (17, 17, 2048, 2048, 3)
+    words = ["estimate", str(saved), "-o", str(saved.with_name("all.zarr")), "--all-views"]
     monkeypatch.setattr(scale_look, "look", lambda *_: scale_look.Look(shape, 1, None, None))
-    monkeypatch.setattr(scale_views, "available_memory", lambda: 27_000_000_000)
+    monkeypatch.setattr(scale_views, "available_memory", lambda: 7_000_000_000)
     monkeypatch.setattr(lfdepth, "read", lambda *_, **__: pytest.fail("views were read"))
-    assert main(["estimate", str(saved), "-o", str(saved.with_name("all.zarr")), "--all-views"]) == 2
+    assert main(words) == 2
     error = capsys.readouterr().err.splitlines()
     assert len(error) == 1
-    assert "maps of all 289 views need 28 GB, 27 GB are free; expected enough memory; use --crop" in error[0]
+    assert "289 views, and the maps of a few, need 8.1 GB, 7 GB are free; expected enough memory" in error[0]
+    monkeypatch.setattr(scale_views, "available_memory", lambda: 9_000_000_000)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _: shutil._ntuple_diskusage(1, 1, 31_000_000_000))
+    assert main(words) == 2
+    error = capsys.readouterr().err.splitlines()
+    assert len(error) == 1
+    assert "maps of all 289 views" in error[0]
+    assert "need 41 GB of disk while they are made, 31 GB are free; expected enough room" in error[0]
 
 
 def test_one_view_from_the_command_line(saved: Path) -> None:

@@ -61,7 +61,7 @@ GROUPS = {
     "more-maps": Group(
         "More than one map",
         "The maps of all views, the map of another view, and many light fields: {doc}`/scale`.",
-        ("estimate_views", "ViewMaps", "from_view", "estimate_many"),
+        ("estimate_views", "ViewMaps", "estimate_views_to", "WrittenViews", "from_view", "estimate_many"),
     ),
     "look": Group(
         "Look and explain",

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from lfdepth.scale.batch import estimate_many
     from lfdepth.scale.tiles import estimate_tiled
     from lfdepth.scale.video import estimate_video
-    from lfdepth.scale.views import estimate_views
+    from lfdepth.scale.views import WrittenViews, estimate_views, estimate_views_to
     from lfdepth.scoring import evaluate
     from lfdepth.trace import Trace
     from lfdepth.viewer.evidence import Evidence, explain
@@ -54,6 +54,7 @@ _HOMES = {
     "Result": "lfdepth.result",
     "Trace": "lfdepth.trace",
     "ViewMaps": "lfdepth.result",
+    "WrittenViews": "lfdepth.scale.views",
     "all_in_focus": "lfdepth.render.refocus",
     "check_orientation": "lfdepth.probe.order",
     "equalise": "lfdepth.probe.brightness",
@@ -62,6 +63,7 @@ _HOMES = {
     "estimate_tiled": "lfdepth.scale.tiles",
     "estimate_video": "lfdepth.scale.video",
     "estimate_views": "lfdepth.scale.views",
+    "estimate_views_to": "lfdepth.scale.views",
     "evaluate": "lfdepth.scoring",
     "explain": "lfdepth.viewer.evidence",
     "find_range": "lfdepth.probe.ranges",
@@ -91,6 +93,7 @@ __all__ = [
     "Result",
     "Trace",
     "ViewMaps",
+    "WrittenViews",
     "all_in_focus",
     "check_orientation",
     "equalise",
@@ -99,6 +102,7 @@ __all__ = [
     "estimate_tiled",
     "estimate_video",
     "estimate_views",
+    "estimate_views_to",
     "evaluate",
     "explain",
     "find_range",

@@ -4,7 +4,8 @@ Where the reference view shows what it showed before, up to noise, the map befor
 the new one, and made from other noise. Both are averaged, as a Kalman filter of a constant does, while they
 are of one surface. Where they are not, the views of this frame choose; where they cannot tell, the estimate
 that most frames agreed on stays (a majority vote: R. S. Boyer and J. S. Moore, MJRTY, 1991,
-doi:10.1007/978-94-011-3488-0_5). Where the reference view changed, the new map stands.
+doi:10.1007/978-94-011-3488-0_5). Where the reference view changed, the new map stands; beside that, too, but
+where a pixel looks as it did and lies at none of the disparities of what moved there.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from lfdepth.blocks.noise import texture_weight
 from lfdepth.blocks.photo import local_thresholds
 from lfdepth.engines import using
 from lfdepth.engines.base import Engine
-from lfdepth.engines.boxes import box_mean
+from lfdepth.engines.boxes import box_mean, local_largest
 from lfdepth.engines.layout import VISIBILITY_MARGIN
 from lfdepth.lightfield import LightField
 
@@ -42,6 +43,12 @@ class SteadyRule:
         By how many px what changed is widened: filters and fits reach beyond it.
     plain_spread
         The same where there is no texture, so that a surface that moves shows it only farther away.
+    close_radius, close_mean, close_absolute
+        Within `spread` of what changed, as `radius`, `mean` and `absolute` for a pixel to look as it did. The
+        fewer pixels a window has, the farther noise alone takes its means.
+    apart
+        How far such a pixel must be, in both maps, from all disparities of what moved within `plain_spread`,
+        px per view step.
     gate
         Largest difference of two estimates of one surface, px per view step.
     sigmas, widest
@@ -60,10 +67,14 @@ class SteadyRule:
     rounding: float = 0.002
     spread: int = 3
     plain_spread: int = 8
+    close_radius: int = 1
+    close_mean: float = 3.5
+    close_absolute: float = 4.0
+    apart: float = 0.15
     gate: float = 0.1
     sigmas: float = 3.0
     widest: float = 0.3
-    margin: float = 0.03
+    margin: float = 0.1
     most: float = 12.0
     least: float = 0.05
 
@@ -95,14 +106,22 @@ def reference_of(lf: LightField) -> Map:
 def changed(reference: Map, past: Map, noise: float, rule: SteadyRule | None = None) -> NDArray[np.bool_]:
     """Where (H, W) two reference views (H, W, C) differ by more than noise, of full scale."""
     rule = rule or SteadyRule()
+    return _differ(reference, past, noise, (rule.radius, rule.mean, rule.absolute), rule.rounding)
+
+
+def _differ(
+    reference: Map, past: Map, noise: float, limits: tuple[int, float, float], rounding: float
+) -> NDArray[np.bool_]:
+    """Where windows of two reference views differ: `limits` are radius, and means in noise levels."""
+    radius, mean, absolute = limits
     difference = reference - past
     means = [
-        np.abs(box_mean(difference[..., channel], rule.radius, np.float32))
+        np.abs(box_mean(difference[..., channel], radius, np.float32))
         for channel in range(difference.shape[-1])
     ]
-    absolute = box_mean(np.abs(difference).mean(axis=-1), rule.radius, np.float32)
-    apart = np.maximum.reduce(means) > rule.mean * noise + rule.rounding
-    return np.asarray(apart | (absolute > rule.absolute * noise + rule.rounding), np.bool_)
+    total = box_mean(np.abs(difference).mean(axis=-1), radius, np.float32)
+    apart = np.maximum.reduce(means) > mean * noise + rounding
+    return np.asarray(apart | (total > absolute * noise + rounding), np.bool_)
 
 
 def steady(
@@ -141,7 +160,7 @@ def steady(
     reference, own = reference_of(lf), _weight(confidence, sigma, rule)
     if past is None:
         return disparity, Past(disparity, own, reference)
-    still = _still(lf, changed(reference, past.reference, noise, rule), noise, rule)
+    still = _still(lf, disparity, past, noise, rule)
     gate = np.float32(rule.gate)
     if sigma is not None:
         gate = np.clip(rule.sigmas * sigma, rule.gate, rule.widest).astype(np.float32)
@@ -161,10 +180,31 @@ def steady(
     return kept, Past(kept, weight, np.where(still[..., None], mean, reference))
 
 
-def _still(lf: LightField, moved: NDArray[np.bool_], noise: float, rule: SteadyRule) -> NDArray[np.bool_]:
+def _still(lf: LightField, disparity: Map, past: Past, noise: float, rule: SteadyRule) -> NDArray[np.bool_]:
     """Where (H, W) the past may count: away from what moved, and farther where no texture would show it."""
+    reference = reference_of(lf)
+    moved = changed(reference, past.reference, noise, rule)
     plain = texture_weight(lf, noise) < 0.5
-    return np.asarray(~_widened(moved, rule.spread) & ~(plain & _widened(moved, rule.plain_spread)), np.bool_)
+    still = ~_widened(moved, rule.spread) & ~(plain & _widened(moved, rule.plain_spread))
+    limits = rule.close_radius, rule.close_mean, rule.close_absolute
+    looks_alike = ~_differ(reference, past.reference, noise, limits, rule.rounding)
+    return np.asarray(still | (looks_alike & ~_may_have_moved(moved, disparity, past, rule)), np.bool_)
+
+
+def _may_have_moved(
+    moved: NDArray[np.bool_], disparity: Map, past: Past, rule: SteadyRule
+) -> NDArray[np.bool_]:
+    """Where (H, W) a pixel lies at a disparity of what moved nearby: the nearer one, before and after.
+
+    What moved is what changed, less the ring by which windows make it wider.
+    """
+    inside = ~_widened(~moved, rule.radius)
+    nearer = np.maximum(past.disparity, disparity)
+    unknown = np.float32(np.inf)
+    highest = local_largest(np.where(inside, nearer, -unknown), rule.plain_spread)
+    lowest = -local_largest(np.where(inside, -nearer, -unknown), rule.plain_spread)
+    farther = np.minimum(past.disparity, disparity)
+    return np.asarray((nearer >= lowest - rule.apart) & (farther <= highest + rule.apart), np.bool_)
 
 
 def _weight(confidence: Map, sigma: Map | None, rule: SteadyRule) -> Map:

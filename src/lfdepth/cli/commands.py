@@ -176,7 +176,7 @@ def estimate(
         "equalise": equalise == "auto",
     }
     if all_views and not force:
-        _check_all_fit(scene, reading)
+        _check_all_fit(scene, reading, output)
     progress = Progress()
     with KernelsAhead(chosen, engine, progress.note_compilation) as kernels:
         lf = reading.read(scene)
@@ -193,14 +193,18 @@ def estimate(
             maps, whole = None, lf
             if view is not None:
                 lf = lfdepth.from_view(lf, view)
-            if all_views:
-                maps = lfdepth.estimate_views(whole, chosen, range=range, progress=progress.step, **settings)
-                result = maps.reference if view is None else maps.of(view)
+            settings |= {"range": range, "progress": progress.step}
+            if not all_views:
+                result = lfdepth.estimate(lf, chosen, **settings)
+            elif view is None:
+                maps = lfdepth.estimate_views_to(lf, output, chosen, **settings)
+                result = maps.reference
             else:
-                result = lfdepth.estimate(lf, chosen, range=range, progress=progress.step, **settings)
-    if maps is not None and view is None:
-        lfdepth.write(output, maps)
-    else:
+                from lfdepth.scale.views import estimate_view_among_all
+
+                folder = output.resolve().parent
+                result, maps = estimate_view_among_all(whole, view, chosen, folder, **settings)
+    if maps is None or view is not None:
         lfdepth.write(output, result, scene=lf, quantity=quantity, mesh=mesh)
     if preview is not None:
         from lfdepth.pictures import preview as write_preview
@@ -626,13 +630,14 @@ def _check_all_views(quantity: Quantity, mesh: bool) -> None:
         raise LightFieldError(f"{option}: found with --all-views; expected it with one map; leave one out")
 
 
-def _check_all_fit(scene: Path, reading: Reading) -> None:
-    """Raise LightFieldError, before views are read, where the maps of all of them will not fit in memory."""
+def _check_all_fit(scene: Path, reading: Reading, output: Path) -> None:
+    """Raise LightFieldError, before views are read, where maps of all will not fit in memory, or on disk."""
     from lfdepth.scale.look import look
-    from lfdepth.scale.views import check_memory
+    from lfdepth.scale.views import check_disk, check_memory
 
     seen = look(scene, reading.given())
     check_memory(str(scene), seen.shape, seen.itemsize, views=True)
+    check_disk(str(scene), seen.shape, output)
 
 
 def _check_output(output: Path, lf: LightField, quantity: Quantity, mesh: bool) -> None:

@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from lfdepth.lightfield import LightField
     from lfdepth.probe.brightness import Equalisation
     from lfdepth.probe.order import Orientation
-    from lfdepth.result import Result, ViewMaps
+    from lfdepth.result import Result
     from lfdepth.scale.tiles import Tiled
+    from lfdepth.scale.views import WrittenViews
 
 Facts = dict[str, Any]
 
@@ -44,7 +45,11 @@ def _finite(facts: Any) -> Any:
 
 
 def estimate_facts(
-    lf: LightField, result: Result, progress: Progress, written: Sequence[str], maps: ViewMaps | None = None
+    lf: LightField,
+    result: Result,
+    progress: Progress,
+    written: Sequence[str],
+    maps: WrittenViews | None = None,
 ) -> Facts:
     """What an estimate did: of the reference view, or of all with their maps."""
     facts: Facts = {

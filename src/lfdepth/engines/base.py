@@ -375,11 +375,12 @@ class Engine(Protocol):
         jump: float,
         spread: float,
         inertia: float,
+        rows: tuple[int, int] | None = None,
     ) -> Float:
-        """Decide every pixel beside a depth edge of a map once (`blocks.edges`).
+        """Decide every pixel beside a depth edge of a map, or of rows [first, last), once (`blocks.edges`).
 
         `found` gains the pixels at edges; `surfaces` are those of the map in all views (`surfaces_of`);
-        `thresholds` (H, W) in 8-bit levels.
+        `thresholds` (H, W) in 8-bit levels. Of the map, these rows alone are given back.
         """
 
     def edge_colours(
@@ -577,8 +578,11 @@ class Engine(Protocol):
     def from_view(self, views: Any, at: tuple[int, int]) -> Any:
         """The same `views` (as they are) with the one at row and column `at` as the reference view."""
 
-    def known_surfaces(self, maps: Float, views: Any) -> Any:
-        """Surfaces as `surfaces_of` gives them, from maps (V, U, H, W) of all views; NaN: unknown."""
+    def known_surfaces(self, levels: NDArray[np.int16], views: Any) -> Any:
+        """Surfaces, for `decide_edges` and `support`, of maps of all views, in `surface_levels`.
+
+        Those, (V, U, H, W), may be kept: they must not change.
+        """
 
     def carry(self, disparity: Float, beside: Float, offset: tuple[float, float]) -> tuple[Float, Float]:
         """What the view at `offset` shows of a map (H, W), to a part of a pixel; −inf where that is unknown.

@@ -173,3 +173,12 @@ def check_within(disparity: float, reach: float) -> None:
             f"disparity: found a plane at {disparity:g}, expected |D| of at most {reach:g} px per view step, "
             "for which the views were prepared; prepare them for a larger range"
         )
+
+
+def surface_levels(disparity: NDArray[np.float32]) -> NDArray[np.int16]:
+    """A map in whole parts (`DISPARITY_PARTS`), as surfaces are kept; `UNKNOWN_SURFACE` where not finite."""
+    levels = np.full(disparity.shape, UNKNOWN_SURFACE, np.int16)
+    parts = disparity * np.float32(DISPARITY_PARTS)
+    known = np.isfinite(parts)
+    levels[known] = parts[known].clip(-DISPARITY_LIMIT, DISPARITY_LIMIT)
+    return levels

@@ -3,10 +3,17 @@
 from __future__ import annotations
 
 import json
+import shutil
+import tempfile
+import zipfile
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import IO, Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lfdepth.errors import LightFieldError
 from lfdepth.io.atomic import MANIFEST, atomic, atomic_folder, check_target
@@ -15,9 +22,17 @@ from lfdepth.io.names import view_name
 from lfdepth.io.pfm import write_pfm
 from lfdepth.io.record import Record
 from lfdepth.io.zarr_store import writing
-from lfdepth.result import ViewMaps
+from lfdepth.result import Result, ViewMaps
 
-_ARRAYS = ("disparity", "confidence", "visible")
+View = tuple[int, int]
+
+ABSENT: Mapping[str, np.generic] = {
+    "disparity": np.float32(np.nan),
+    "confidence": np.float32(0),
+    "visible": np.bool_(False),
+}
+"""What is written of each view, and the value that stands for a view that does not exist."""
+_PIECE = 1 << 24  # bytes that are copied at once
 _ENDINGS = (".npz", ".zarr", "")
 
 
@@ -34,6 +49,16 @@ def check_view_maps_writable(path: Path) -> None:
     check_target(path, folder=ending != ".npz")
 
 
+class ViewMapsTarget(Protocol):
+    """Takes the maps of all views, one by one."""
+
+    def put(self, name: str, view: View, values: NDArray[Any]) -> None:
+        """Take one of `ABSENT` (H, W) of a view, at row and column of the grid; each once."""
+
+    def finish(self, facts: Mapping[str, Any]) -> None:
+        """Take what else is known (`facts_of`), when all maps are there."""
+
+
 def write_view_maps(path: Path, maps: ViewMaps) -> None:
     """Write disparity, confidence and visibility of every view, (V, U, H, W), complete or not at all.
 
@@ -41,47 +66,132 @@ def write_view_maps(path: Path, maps: ViewMaps) -> None:
     formats hold the arrays `disparity`, `confidence` and `visible`, range, runtime in s, and parameters.
     """
     check_view_maps_writable(path)
-    {".npz": _write_npz, ".zarr": _write_zarr, "": _write_folder}[path.suffix.lower()](path, maps)
+    present = np.isfinite(maps.disparity[:, :, 0, 0])
+    with writing_view_maps(path, maps.disparity.shape, present) as target:
+        for v, u in np.argwhere(present).tolist():
+            for name in ABSENT:
+                target.put(name, (v, u), getattr(maps, name)[v, u])
+        target.finish(facts_of(maps.reference, maps.consistency, maps.runtime))
 
 
-def _facts(maps: ViewMaps) -> dict[str, Any]:
+def facts_of(reference: Result, consistency: float, runtime: float) -> dict[str, Any]:
+    """What is written beside maps."""
     return {
-        "range": list(maps.reference.range),
-        "runtime": maps.runtime,
-        "consistency": maps.consistency,
-        "parameters": json.dumps(maps.reference.method.as_dict()),
+        "range": list(reference.range),
+        "runtime": runtime,
+        "consistency": consistency,
+        "parameters": json.dumps(reference.method.as_dict()),
     }
 
 
-def _write_npz(path: Path, maps: ViewMaps) -> None:
-    arrays = {name: getattr(maps, name) for name in _ARRAYS}
-    with atomic(path) as temporary:
-        np.savez(
-            temporary, allow_pickle=False, **arrays, **{k: np.asarray(v) for k, v in _facts(maps).items()}
-        )
+def writing_view_maps(
+    path: Path, shape: tuple[int, ...], present: NDArray[np.bool_]
+) -> AbstractContextManager[ViewMapsTarget]:
+    """A target for maps (V, U, H, W) of the views that are `present` (V, U): see `write_view_maps`.
+
+    LightFieldError if the path cannot be written, or whatever else is written there meanwhile.
+    """
+    kind = {".npz": _npz, ".zarr": _zarr, "": _folder}[path.suffix.lower()]
+    return kind(path, shape, np.argwhere(~present).tolist())
 
 
-def _write_zarr(path: Path, maps: ViewMaps) -> None:
+@contextmanager
+def _npz(path: Path, shape: tuple[int, ...], absent: list[list[int]]) -> Iterator[ViewMapsTarget]:
+    with atomic(path) as temporary, ExitStack() as opened:
+        # An archive is written from its beginning to its end, and maps come as they are made.
+        files = {
+            name: opened.enter_context(tempfile.TemporaryFile(dir=temporary.parent, prefix=".lfdepth-"))
+            for name in ABSENT
+        }
+        target = _Npz(temporary, shape, files)
+        _put_absent(target, shape, absent)
+        yield target
+
+
+@dataclass(frozen=True, eq=False)
+class _Npz:
+    """Maps in a file for each kind, which are joined in the end."""
+
+    temporary: Path
+    shape: tuple[int, ...]
+    files: Mapping[str, IO[bytes]]
+
+    def put(self, name: str, view: View, values: NDArray[Any]) -> None:
+        self.files[name].seek((view[0] * self.shape[1] + view[1]) * values.nbytes)
+        self.files[name].write(np.ascontiguousarray(values).data)
+
+    def finish(self, facts: Mapping[str, Any]) -> None:
+        with zipfile.ZipFile(self.temporary, "w", zipfile.ZIP_STORED, allowZip64=True) as archive:
+            for name, file in self.files.items():
+                dtype = ABSENT[name].dtype
+                header = {
+                    "descr": np.lib.format.dtype_to_descr(dtype),
+                    "fortran_order": False,
+                    "shape": self.shape,
+                }
+                file.seek(0)
+                with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
+                    np.lib.format.write_array_header_1_0(member, header)
+                    shutil.copyfileobj(file, member, _PIECE)
+            for name, fact in facts.items():
+                with archive.open(zipfile.ZipInfo(f"{name}.npy"), "w", force_zip64=True) as member:
+                    np.lib.format.write_array(member, np.asarray(fact), allow_pickle=False)
+
+
+@contextmanager
+def _zarr(path: Path, shape: tuple[int, ...], absent: list[list[int]]) -> Iterator[ViewMapsTarget]:
     zarr = need("zarr", "zarr", path)
     with (
         atomic_folder(path, manifest=f"disparity/{MANIFEST}") as temporary,
         writing(zarr, temporary) as store,
     ):
         group = zarr.open_group(store, mode="w", zarr_format=2)
-        for name in _ARRAYS:
-            array = getattr(maps, name)
-            kept = group.create_array(
-                name, shape=array.shape, dtype=array.dtype, chunks=(1, 1, *array.shape[2:])
-            )
-            for index in np.ndindex(*array.shape[:2]):  # view by view: nothing is held packed in memory
-                kept[index] = array[index]
-        group.attrs.update({"unit": "px per view step", **_facts(maps)})
+        arrays = {
+            name: group.create_array(name, shape=shape, dtype=value.dtype, chunks=(1, 1, *shape[2:]))
+            for name, value in ABSENT.items()
+        }
+        target = _Zarr(group, arrays)
+        _put_absent(target, shape, absent)
+        yield target
 
 
-def _write_folder(path: Path, maps: ViewMaps) -> None:
-    rows, columns = maps.disparity.shape[:2]
+@dataclass(frozen=True, eq=False)
+class _Zarr:
+    """A chunk for each view."""
+
+    group: Any
+    arrays: Mapping[str, Any]
+
+    def put(self, name: str, view: View, values: NDArray[Any]) -> None:
+        self.arrays[name][view] = values
+
+    def finish(self, facts: Mapping[str, Any]) -> None:
+        self.group.attrs.update({"unit": "px per view step", **facts})
+
+
+@contextmanager
+def _folder(path: Path, shape: tuple[int, ...], absent: list[list[int]]) -> Iterator[ViewMapsTarget]:
+    del absent  # a folder has files of the views that exist
     with atomic_folder(path) as temporary:
-        for v, u in np.argwhere(np.isfinite(maps.disparity[:, :, 0, 0])).tolist():
-            for name in ("disparity", "confidence"):
-                file = temporary / view_name(name, (v, u), (rows, columns), "pfm")
-                write_pfm(file, Record(getattr(maps, name)[v, u]))
+        yield _Folder(temporary, (shape[0], shape[1]))
+
+
+@dataclass(frozen=True, eq=False)
+class _Folder:
+    """Files for each view; visibility is not among them."""
+
+    temporary: Path
+    grid: tuple[int, int]
+
+    def put(self, name: str, view: View, values: NDArray[Any]) -> None:
+        if name != "visible":
+            write_pfm(self.temporary / view_name(name, view, self.grid, "pfm"), Record(values))
+
+    def finish(self, facts: Mapping[str, Any]) -> None:
+        """There is no place for facts."""
+
+
+def _put_absent(target: ViewMapsTarget, shape: tuple[int, ...], absent: list[list[int]]) -> None:
+    for v, u in absent:
+        for name, value in ABSENT.items():
+            target.put(name, (v, u), np.full(shape[2:], value, value.dtype))

@@ -541,11 +541,14 @@ class CpuEngine:
         jump: float,
         spread: float,
         inertia: float,
+        rows: tuple[int, int] | None = None,
     ) -> Float:
         """Decide every pixel beside an edge once."""
-        decided = disparity.copy()
+        first, last = (0, len(disparity)) if rows is None else rows
+        decided = np.empty_like(disparity)  # pages of other rows are never touched
+        decided[first:last] = disparity[first:last]
         self.workers.rows(
-            len(disparity),
+            last,
             edge_kernels.edge_kernel,
             disparity,
             *_beside_edges(views, surfaces, thresholds),
@@ -554,8 +557,9 @@ class CpuEngine:
             np.float32(inertia),
             decided,
             found,
+            first=first,
         )
-        return decided
+        return decided[first:last]
 
     def edge_colours(
         self,
@@ -773,15 +777,11 @@ class CpuEngine:
             views, reference=views.views[at], others=others, offsets=views.offsets - views.offsets[at]
         )
 
-    def known_surfaces(self, maps: Float, views: ViewsAsTheyAre) -> NearestSurfaces:
-        """Surfaces from maps."""
-        levels = np.full(maps.shape, UNKNOWN_SURFACE, np.int16)
-        for index in np.argwhere(views.present):
-            known = maps[tuple(index)] * np.float32(DISPARITY_PARTS)
-            there = np.isfinite(known)
-            levels[tuple(index)][there] = known[there].clip(-DISPARITY_LIMIT, DISPARITY_LIMIT)
-        grid, width = (maps.shape[0], maps.shape[1]), maps.shape[3]
-        return NearestSurfaces(levels.reshape(-1), levels.max(axis=3).reshape(-1), grid, 0, width, maps[0, 0])
+    def known_surfaces(self, levels: NDArray[np.int16], views: ViewsAsTheyAre) -> NearestSurfaces:
+        """The levels themselves; neither is the nearest of a row asked for, nor a map."""
+        grid, width = (levels.shape[0], levels.shape[1]), levels.shape[3]
+        none = np.empty((0, 0), np.float32)
+        return NearestSurfaces(levels.reshape(-1), np.empty(0, np.int16), grid, 0, width, none)
 
     def carry(self, disparity: Float, beside: Float, offset: tuple[float, float]) -> tuple[Float, Float]:
         """Splat and sharpen."""

@@ -378,9 +378,14 @@ class NumpyEngine:
         jump: float,
         spread: float,
         inertia: float,
+        rows: tuple[int, int] | None = None,
     ) -> Float:
         """Decide every pixel beside an edge once."""
-        return edges.decide(views, disparity, surfaces, thresholds, found, jump, spread, inertia)
+        part = slice(None) if rows is None else slice(*rows)
+        at_edge = np.zeros(disparity.shape, np.bool_)
+        decided = edges.decide(views, disparity, surfaces, thresholds, at_edge, jump, spread, inertia)
+        found[part] |= at_edge[part]
+        return decided[part]
 
     def edge_colours(
         self,
@@ -527,9 +532,9 @@ class NumpyEngine:
             views, reference=views.views[at], others=others, offsets=views.offsets - views.offsets[at]
         )
 
-    def known_surfaces(self, maps: Float, views: Views) -> Surfaces:
+    def known_surfaces(self, levels: NDArray[np.int16], views: Views) -> Surfaces:
         """Surfaces from maps."""
-        return view_maps.known(maps, views.present)
+        return Surfaces(levels.astype(np.int32), slice(0, levels.shape[3]), np.empty((0, 0), np.float32))
 
     def carry(self, disparity: Float, beside: Float, offset: tuple[float, float]) -> tuple[Float, Float]:
         """Splat and sharpen."""

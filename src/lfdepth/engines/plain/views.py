@@ -10,23 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lfdepth.engines.base import Bool, Float
-from lfdepth.engines.layout import DISPARITY_LIMIT, DISPARITY_PARTS, SURFACE_JUMP, UNKNOWN_SURFACE
+from lfdepth.engines.layout import DISPARITY_PARTS, SURFACE_JUMP
 from lfdepth.engines.plain.edges import Views, samples
 from lfdepth.engines.plain.photo import Surfaces
 from lfdepth.engines.plain.sampling import inside
 
 Whole = NDArray[np.int64]
 Counts = NDArray[np.int32]
-
-
-def known(maps: Float, present: Bool) -> Surfaces:
-    """Surfaces that maps (V, U, H, W) of all views show."""
-    with np.errstate(invalid="ignore"):
-        parts = np.clip(maps * np.float32(DISPARITY_PARTS), -DISPARITY_LIMIT, DISPARITY_LIMIT)
-    usable = np.isfinite(maps) & present[..., None, None]
-    levels = np.full(maps.shape, UNKNOWN_SURFACE, np.int32)
-    levels[usable] = parts[usable].astype(np.int32)
-    return Surfaces(levels, slice(0, maps.shape[3]), maps[0, 0])
 
 
 def carry(disparity: Float, beside: Float, seen: Float, offset: tuple[float, float]) -> tuple[Float, Float]:
