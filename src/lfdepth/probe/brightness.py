@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from lfdepth.engines import using
 from lfdepth.lightfield import FULL_SCALE, LUMA, LightField, reference_index
+from lfdepth.probe.foreign import foreign_views
 from lfdepth.probe.levels import unevenness, view_levels
 from lfdepth.probe.matching import make_probe, match, plane_range, shrink_to, widest
 from lfdepth.probe.ranges import coarse_range
@@ -68,8 +69,7 @@ _POWERS, _LEAST_FACTOR = (1000.0, 1.0, -2.0), 0.05
 _DEGREE, _OWN, _OWN_SIZE, _SMOOTHINGS = 3, 0.5, 0.005, 4
 # Coefficient of x² + y² above which vignetting is none; rounding, of full scale.
 _FAINT_VIGNETTING, _ROUNDING = -0.04, 0.0003
-# A view is left out where fewer samples agree than this share of what agrees in the typical view.
-_AGREEING = 0.5
+# A view is dark below this share of the reference view's level; level below which logarithms tell nothing.
 _DARKEST, _DARK = 0.25, 0.01
 # Contrast (squared) below which offsets are not told from gains; least error that is one, of full scale.
 _FAINT, _FINEST = 1e-4, 0.0015
@@ -154,7 +154,7 @@ class Equalisation:
     def message(self) -> str:
         """What was found, in one line."""
         left_out = int(self.left_out.sum())
-        dark = f"{left_out} dark or foreign views ignored" if left_out else ""
+        dark = f"{left_out} dark or foreign view{'s'[: left_out > 1]} ignored" if left_out else ""
         if not self.samples:
             unlike = f"differs between views by {100 * self.suspected:.0f} %, not equalised: {_TOO_SMALL}"
             return "; ".join(
@@ -327,7 +327,8 @@ def _fitted(
     first = _Fit(samples.levels, samples.valid, terms, lf.shape[:2], engine)
     if samples.seen[first.centre].sum() < _FEWEST:
         return _unknown(lf)
-    found = first.result(lf.available)
+    foreign = foreign_views(lf, points, d, engine)
+    found = first.result(lf.available, first.dark() | foreign.reshape(-1))
     if found.needed:
         known = disparity[np.isfinite(disparity)]
         found = _once_more(lf, first, found, range or (float(known.min()), float(known.max())), engine)
@@ -656,17 +657,15 @@ class _Fit:
         made += self.offset[:, None].astype(np.float32)
         return _rms(np.abs(made - scene).max(axis=-1), self.weight)
 
-    def unlike(self) -> NDArray[np.bool_]:
-        """Views (V·U,) that are dark, or in which far fewer samples than usual agree with the others."""
+    def dark(self) -> NDArray[np.bool_]:
+        """Views (V·U,) that are dark, or black or white wherever it was looked."""
         mean = self.levels.mean(axis=(1, 2))
-        seen = self.valid.all(axis=-1)
-        share = self.weight.sum(axis=1) / np.maximum(seen.sum(axis=1), 1)
-        usual = np.median(share[share > 0]) if (share > 0).any() else 1.0
-        return np.asarray((mean < _DARKEST * mean[self.centre]) | (share < _AGREEING * usual))
+        seen = self.valid.all(axis=-1).any(axis=1)
+        return np.asarray((mean < _DARKEST * mean[self.centre]) | ~seen)
 
-    def result(self, present: NDArray[np.bool_], left_out: NDArray[np.bool_] | None = None) -> Equalisation:
-        """What was found, views left out that are unlike the others, if it is not said which these are."""
-        left_out = present.reshape(-1) & (self.unlike() if left_out is None else left_out.reshape(-1))
+    def result(self, present: NDArray[np.bool_], left_out: NDArray[np.bool_]) -> Equalisation:
+        """What was found without the views to leave out."""
+        left_out = present.reshape(-1) & left_out.reshape(-1)
         left_out[self.centre] = False
         used = present.reshape(-1) & ~left_out
         effect = np.where(used, self.effect(), 0)
