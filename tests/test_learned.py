@@ -19,7 +19,16 @@ from lfdepth.engines.cpu.kernels import scenes as kernels
 from lfdepth.learned.epinet_onnx import epinet_onnx
 from lfdepth.learned.forward import Forward
 from lfdepth.learned.lfattnet import lfattnet_arrays
-from lfdepth.learned.running import TURNS, grey_views, lfattnet_of, predict, predict_views, stack_views
+from lfdepth.learned.running import (
+    TURNS,
+    enlarged,
+    grey_views,
+    lfattnet_of,
+    look_again,
+    predict,
+    predict_views,
+    stack_views,
+)
 from lfdepth.learned.shape import EPINETS, EPSILON, EpinetShape, Weights
 from lfdepth.learned.stacks import stacks
 from lfdepth.learned.weights import read_arrays, shipped
@@ -172,6 +181,38 @@ def test_turned_views_are_looked_at_as_they_are(turn: tuple[bool, bool, bool]) -
     np.testing.assert_allclose(
         predict(network, grey_views(lf, stack_views(5)), SMALL, turn, 64), expected, atol=1e-5
     )
+
+
+@pytest.mark.parametrize("turn", TURNS)
+@pytest.mark.parametrize("times", [2, 3])
+def test_what_is_looked_at_again_is_enlarged_and_moved_back(
+    turn: tuple[bool, bool, bool], times: int
+) -> None:
+    """Views of a slope of grey at D, and a net that divides their differences by the slope.
+
+    Whatever views are moved by, in every tile and turn, D must come back in px of the views as they are.
+    """
+    disparity = 0.37
+    rows, columns = np.mgrid[:48, :56].astype(float)
+    grey = {
+        (v, u): (0.2 + 0.006 * (rows + disparity * v) + 0.004 * (columns + disparity * u)).astype(np.float32)
+        for v, u in stack_views(SMALL.views)
+    }
+
+    def network(stacks: np.ndarray) -> np.ndarray:
+        row = stacks[0].astype(float)
+        slope = np.gradient(row[2], axis=1)
+        found = (row[-1] - row[0]) / 4 / slope
+        border = SMALL.lost // 2
+        return found[border:-border, border:-border].astype(np.float32)
+
+    # a first map that is wrong by more and more, so that views are moved by several steps
+    coarse = (disparity + (columns - 28) / 20).astype(np.float32)
+    seen = enlarged(grey, coarse, SMALL, times)
+    found = look_again(network, seen, SMALL, turn, 40)
+    inner = slice(14, -14)
+    assert len(np.unique(seen.moves)) >= 3
+    np.testing.assert_allclose(found[inner, inner], disparity, atol=2e-3)
 
 
 def keras_file(path: Path, shape: EpinetShape, weights: Weights) -> None:
@@ -335,7 +376,11 @@ def test_chance_scenes_truth_is_where_views_show_the_surface() -> None:
 @pytest.mark.thin(3)
 @pytest.mark.parametrize("disparity", [-1.6, 0.4, 1.4])
 def test_the_weights_that_ship_know_a_plane(disparity: float) -> None:
-    """A plane at D, and one a whole pixel nearer, which is the same with views moved by a pixel a step."""
+    """A plane at D, and others whole or half pixels away.
+
+    Those are the same with views moved by a pixel a step; if views are enlarged twice and moved so that the
+    plane lies near 0, the error is the same for all of them, and much smaller.
+    """
     texture = textures.natural(
         np.random.default_rng(5), 128, [(150, 105, 80), (92, 110, 66), (172, 152, 118)], contrast=20
     )
@@ -345,6 +390,6 @@ def test_the_weights_that_ship_know_a_plane(disparity: float) -> None:
         for v, u in whole(9)
     ]
     lf = LightField(np.stack(views).reshape(9, 9, 40, 40, 3), disparity_range=(-4, 4))
-    for turns in (1, 2):
-        found = lfdepth.estimate(lf, "epinet-s", turns=turns, check=False).disparity[11:-11, 11:-11]
-        assert np.abs(found - disparity).mean() < 0.05
+    for turns, enlarge, limit in ((1, 1, 0.05), (2, 1, 0.05), (1, 2, 0.0095)):
+        found = lfdepth.estimate(lf, "epinet-s", turns=turns, enlarge=enlarge, check=False).disparity
+        assert np.abs(found - disparity)[11:-11, 11:-11].mean() < limit

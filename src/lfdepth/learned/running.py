@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
+from math import ceil
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +27,13 @@ Turn = tuple[bool, bool, bool]
 
 TURNS: tuple[Turn, ...] = tuple((bool(g & 1), bool(g & 2), bool(g & 4)) for g in (0, 3, 4, 7, 1, 2, 5, 6))
 """All ways of turning and mirroring a picture."""
+
+_NEAR = 0.7
+"""Weight of the nearest of what lies within the field of view, where views are moved to look again."""
+_FARTHEST = 4.0
+"""Largest disparity either way that networks were trained on, px per view step."""
+_SPLINE = 8
+"""How far a value has a part in a cubic spline, px."""
 
 
 def network_of(name: str, weights: str | None) -> Network:
@@ -150,21 +159,120 @@ def predict(
 
     Views are continued beyond their borders by the values there.
     """
-    flip_v, flip_u, swap = turn
     border = shape.lost // 2
-    turned = np.stack(
-        [
-            np.stack([np.pad(_turned(grey[_source(place, turn)], turn), border, "edge") for place in stack])
-            for stack in stacks(shape.views)
-        ]
-    )
-    height, width = turned.shape[2] - 2 * border, turned.shape[3] - 2 * border
-    found = np.empty((height, width), np.float32)
-    for rows, columns in tiles(height, width, side):
+    padded = {place: np.pad(view, border, "edge") for place, view in grey.items()}
+    found = np.empty(grey[(0, 0)].shape, np.float32)
+    for rows, columns in tiles(*found.shape, side):
         part = slice(rows.start, rows.stop + 2 * border), slice(columns.start, columns.stop + 2 * border)
-        found[rows, columns] = network(np.ascontiguousarray(turned[:, :, part[0], part[1]]))
+        found[rows, columns] = _turn_there_and_back(
+            network, {place: view[part] for place, view in padded.items()}, shape, turn
+        )
+    return found
+
+
+def _turn_there_and_back(
+    network: Network, grey: dict[Position, Float], shape: EpinetShape, turn: Turn
+) -> Float:
+    """Disparity (H - lost, W - lost) of views (H, W) that are turned before and turned back after."""
+    flip_v, flip_u, swap = turn
+    turned = [
+        np.stack([_turned(grey[_source(place, turn)], turn) for place in stack])
+        for stack in stacks(shape.views)
+    ]
+    found = network(np.stack(turned))
     back = found.T if swap else found
     return np.ascontiguousarray(back[:: -1 if flip_v else 1, :: -1 if flip_u else 1])
+
+
+def look_again(network: Network, seen: Seen, shape: EpinetShape, turn: Turn, side: int) -> Float:
+    """Disparity (H, W) of views that are enlarged, and moved so that what a pixel sees lies near 0.
+
+    A network errs by so many of the pixels that it is given, and the less, the nearer to 0 a disparity is.
+    Views that are enlarged `seen.times`, and moved by a whole number of their pixels per view step, show the
+    disparity d as times · d minus that number, exactly but for the enlarging.
+
+    Parameters
+    ----------
+    side
+        Side of the tiles that are computed at a time, px of enlarged views.
+    seen
+        What `enlarged` found.
+    """
+    times, border = seen.times, shape.lost // 2
+    found = np.empty(seen.moves.shape, np.float32)
+    for rows, columns in tiles(*found.shape, max(1, side // times)):
+        tile = seen.moves[rows, columns]
+        for move in np.unique(tile):
+            asked = tile == move
+            box = tuple(slice(int(each.min()), int(each.max()) + 1) for each in np.nonzero(asked))
+            starts = [
+                seen.margin - border + times * (part.start + inner.start)
+                for part, inner in zip((rows, columns), box, strict=True)
+            ]
+            sizes = [times * (inner.stop - inner.start) + 2 * border for inner in box]
+            views = {
+                (v, u): view[starts[0] - move * v :, starts[1] - move * u :][: sizes[0], : sizes[1]]
+                for (v, u), view in seen.views.items()
+            }
+            moved = _turn_there_and_back(network, views, shape, turn)
+            blocks = moved.reshape(moved.shape[0] // times, times, -1, times).swapaxes(1, 2)
+            middle = np.median(blocks.reshape(*blocks.shape[:2], -1), axis=2)
+            found[rows, columns][asked] = ((middle + move) / times)[asked[box]]
+    return found
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What is looked at again.
+
+    Attributes
+    ----------
+    views
+        Enlarged views, continued beyond their borders by the values there.
+    moves
+        (H, W), how far views are moved for each pixel, px of enlarged views per view step.
+    times
+        How many times views were enlarged.
+    margin
+        How far they were continued, px of enlarged views.
+    """
+
+    views: dict[Position, Float]
+    moves: npt.NDArray[np.int64]
+    times: int
+    margin: int
+
+
+def seen_field(shape: EpinetShape, times: int) -> int:
+    """Field of view of a network in views that are enlarged, px of the views as they were."""
+    return (shape.lost + 1) // times
+
+
+def margin_px(shape: EpinetShape, times: int, farthest: float = _FARTHEST) -> int:
+    """How far views are continued before they are enlarged, for moves of up to `farthest` px, px."""
+    return ceil(shape.views // 2 * farthest + shape.lost / 2 / times) + _SPLINE
+
+
+def enlarged(grey: dict[Position, Float], coarse: Float, shape: EpinetShape, times: int) -> Seen:
+    """Enlarge views, and find how they are to be moved, by a first map (H, W).
+
+    Of what lies within the field of view, the nearest counts 0.7 and the farthest 0.3: so both are near 0,
+    and what hides the other more so.
+    """
+    from scipy import ndimage  # here, since listing the methods needs no SciPy
+
+    field = seen_field(shape, times)
+    near, far = ndimage.maximum_filter(coarse, field), ndimage.minimum_filter(coarse, field)
+    wanted = np.clip(_NEAR * near + (1 - _NEAR) * far, -_FARTHEST, _FARTHEST)
+    moves = np.rint(times * wanted).astype(np.int64)
+    around = margin_px(shape, times, float(np.abs(moves).max(initial=0)) / times)
+    views = {
+        place: ndimage.zoom(
+            np.pad(view, around, "edge"), times, order=3, mode="nearest", grid_mode=True
+        ).clip(0, 1)
+        for place, view in grey.items()
+    }
+    return Seen(views, moves, times, around * times)
 
 
 def _turned(picture: Float, turn: Turn) -> Float:

@@ -12,9 +12,13 @@ from lfdepth.learned.running import (
     TURNS,
     check_grid,
     confidence,
+    enlarged,
     grey_views,
+    look_again,
+    margin_px,
     network_of,
     predict,
+    seen_field,
     stack_views,
 )
 from lfdepth.learned.shape import EPINETS, EpinetShape
@@ -23,6 +27,16 @@ from lfdepth.methods.parameters import Text, Whole
 
 _DISAGREEMENT = np.float32(0.05)
 """Deviation between turned maps, px per view step, at which confidence is halved."""
+
+
+Enlarge = Annotated[
+    int,
+    Whole(
+        "Look again at views enlarged so many times, moved so that disparities lie near 0; 1: look once.",
+        ge=1,
+        le=3,
+    ),
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +64,7 @@ class Epinet(Method):
         int,
         Whole("Take the mean over so many ways of turning and mirroring the views.", ge=1, le=8),
     ] = 4
+    enlarge: Enlarge = 1
     tile: Annotated[
         int,
         Whole("Side of the tiles that are computed at a time.", ge=16, le=2048, unit="px"),
@@ -66,18 +81,24 @@ class Epinet(Method):
         network_of(self.name, self.weights)
 
     def memory(self, shape: Shape, planes: NDArray[np.float64], sample_bytes: int) -> int:
-        """Grey views of the stacks, and three layers of a tile."""
+        """Grey views of the stacks, once more enlarged, and three layers of a tile."""
         side, channels = self.tile + self.sizes.lost, 4 * self.sizes.filters
-        return 4 * (4 * self.sizes.views * shape[2] * shape[3] + 3 * channels * side * side)
+        samples = 4 * self.sizes.views * shape[2] * shape[3]
+        if self.enlarge > 1:
+            around = 2 * margin_px(self.sizes, self.enlarge)
+            larger = self.enlarge**2 * (shape[2] + around) * (shape[3] + around)
+            samples += (4 * self.sizes.views + 4) * larger
+        return 4 * (samples + 3 * channels * side * side)
 
     def halo(self) -> int:
-        """Half of the field of view."""
-        return self.sizes.lost // 2
+        """Half of the field of view, and of what is looked at to move views."""
+        again = seen_field(self.sizes, self.enlarge) // 2 if self.enlarge > 1 else 0
+        return self.sizes.lost // 2 + again
 
     def run(self, problem: Problem, work: Work) -> Maps:
         """Views to stacks, tiles through the network, the mean over turns."""
         lf, trace = problem.lf, work.trace
-        trace.steps(self.turns)
+        trace.steps(self.turns * (1 + (self.enlarge > 1)))
         with trace.block("preparation"):
             network = network_of(self.name, self.weights)
             grey = grey_views(lf, stack_views(self.sizes.views))
@@ -86,6 +107,13 @@ class Epinet(Method):
             with trace.block("network"):
                 found.append(predict(network, grey, self.sizes, turn, self.tile))
             trace.step("network")
+        if self.enlarge > 1:
+            with trace.block("preparation"):
+                seen = enlarged(grey, np.mean(found, axis=0), self.sizes, self.enlarge)
+            for i, turn in enumerate(TURNS[: self.turns]):
+                with trace.block("network"):
+                    found[i] = look_again(network, seen, self.sizes, turn, self.tile)
+                trace.step("network")
         disparity = np.asarray(np.mean(found, axis=0), np.float32)
         with trace.block("confidence"):
             sure = confidence(grey, disparity, self.sizes.views)
@@ -106,3 +134,5 @@ class EpinetS(Epinet):
         summary="EPINET with 30 filters, trained on procedural scenes alone (docs/learned.md).",
         reference="docs/learned.md",
     )
+
+    enlarge: Enlarge = 2
