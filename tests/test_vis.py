@@ -147,9 +147,17 @@ def test_progress_counts_both_passes() -> None:
 def test_the_light_field_is_left_alone() -> None:
     lf = scene(13, size=(40, 44))
     before = lf.views.copy()
-    lf.views.setflags(write=False)
     estimate(lf, "fbs-vis", **OPTIONS)
     np.testing.assert_array_equal(lf.views, before)
+
+
+@pytest.mark.slow  # kernels are compiled anew for such views
+@pytest.mark.parametrize("name", ["fbsocc-sfa", "fbs-vis"])
+def test_views_that_cannot_be_written_give_the_same(name: str) -> None:
+    lf = scene(13, size=(40, 44))
+    expected = estimate(lf, name, **OPTIONS).disparity
+    lf.views.setflags(write=False)
+    np.testing.assert_array_equal(estimate(lf, name, **OPTIONS).disparity, expected)
 
 
 @pytest.mark.parametrize("planes", [2, 3, 5, 6])
