@@ -5,7 +5,7 @@
     python benchmarks/fuzz.py --number 1234 --seed 1 --keep bad      # one of them again
 
 Every input runs in a process of its own, with at most 10 s of computing and 1.5 GB. Seeds, damage and what
-counts as bad are in tests/fuzz; 500 inputs run with the tests.
+counts as bad are in tests/fuzz; three of every kind run with the tests.
 """
 
 from __future__ import annotations

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import plyfile  # type: ignore[import-untyped]
 import pytest
+from cyclopts import CycloptsError, MissingArgumentError
 from PIL import Image
 
 from lfdepth.cli import main
@@ -96,3 +97,56 @@ def test_the_licence_of_every_dependency_is_listed() -> None:
             stated = metadata(name)
             if "License-Expression" in stated:
                 assert licence == stated["License-Expression"], name
+
+
+def commands_of(page: Path) -> tuple[list[str], list[str]]:
+    """What a page tells people to run: whole lines of its blocks, and what stands between back ticks."""
+    text = re.sub(r"\\\n\s*", " ", page.read_text(encoding="utf-8"))
+    code = "\n".join(re.findall(r"^ *```(?:sh|bash)\n(.*?)^ *```", text, re.MULTILINE | re.DOTALL))
+    lines = re.findall(r"^ *(?:\.venv/bin/)?(lfdepth .*)$", code, re.MULTILINE)
+    return lines, re.findall(r"`(lfdepth [a-z][^`\n]*)`", text)
+
+
+def parse(line: str) -> None:
+    """As the command line parses it, running nothing; capital letters stand for a number."""
+    from lfdepth.cli import commands, experiments, learned, scale, viewing  # noqa: F401  # they register themselves
+    from lfdepth.cli.app import app
+    from lfdepth.cli.options import method_named_in
+
+    words = shlex.split(re.split(r"\s(?:#|>|2>|&&|\|)", line)[0])[1:]
+    words = ["1" if re.fullmatch("[A-Z]", word) else word for word in words if word != "--help"]
+    commands.add_estimate(method_named_in(words) if "estimate" in words else None)
+    app.parse_args(words, exit_on_error=False, print_error=False)
+
+
+PAGES = [DOCS.parent / "README.md", *sorted(DOCS.glob("*.md"))]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_commands_of_pages_are_such(page: Path) -> None:
+    """Commands, options and values are what the command line takes; in running text they may be cut short."""
+    lines, mentioned = commands_of(page)
+    for line in lines:
+        parse(line)
+    for line in mentioned:
+        with suppress(MissingArgumentError):
+            parse(line)
+
+
+def test_a_wrong_command_fails() -> None:
+    for line in (
+        "lfdepth estimat x",
+        "lfdepth estimate x -o y --steps 2",
+        "lfdepth refocus x --disparity near",
+    ):
+        with pytest.raises(CycloptsError):
+            parse(f"lfdepth {line}")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_scripts_that_pages_name_have_these_options(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    for script, options in re.findall(r"python (benchmarks/\w+\.py)([^`\n]*)", text):
+        source = (DOCS.parent / script).read_text(encoding="utf-8")
+        for option in re.findall(r"(?<!\S)--[a-z][\w-]*", options):
+            assert f'"{option}"' in source, (script, option)

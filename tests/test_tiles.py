@@ -22,7 +22,7 @@ from lfdepth.lightfield import LightField
 from lfdepth.methods.base import Measured
 from lfdepth.methods.fbs_vis import FbsVis
 from lfdepth.probe.brightness import Equalisation, equalise
-from lfdepth.scale import tiles
+from lfdepth.scale import survey, tiles
 from lfdepth.scale.jobs import jobs_for
 from lfdepth.scale.look import look
 from lfdepth.scale.tiles import estimate_tiled
@@ -173,16 +173,16 @@ def test_samples_are_spread_over_the_field(shape: tuple[int, int], saved: Path) 
     """All of a small field; of a large one windows that lie in it, on either side of the middle, and fit."""
     job = jobs_for([saved], saved.parent, lfdepth.method("fbs-vis"), reading={}, settings={}, threads=1)[0]
     seen = replace(look(saved, {}), shape=(9, 9, *shape, 3))
-    probe = tiles._Probe((-2.0, 2.0), None, Residual(0, 0), None)
+    probe = survey.Probe((-2.0, 2.0), None, Residual(0, 0), None)
     for memory in (4e9, 7e8):
-        windows = tiles._samples(job, seen, probe, memory)
+        windows = survey.sample_windows(job, seen, probe, memory)
         if memory == 4e9 and max(shape) <= 512:
             assert windows == [(0, 0, shape[1], shape[0])]
             continue
         for x, y, width, height in windows:
             assert 0 <= x <= x + width <= shape[1]
             assert 0 <= y <= y + height <= shape[0]
-            assert tiles._bytes(job, seen, probe, max(width, height)) <= memory
+            assert survey.process_bytes(job, seen, probe, max(width, height)) <= memory
         middles = np.array([(y + height / 2, x + width / 2) for x, y, width, height in windows])
         assert (middles.min(axis=0) <= np.array(shape) / 2).all()
         assert (middles.max(axis=0) >= np.array(shape) / 2).all()
@@ -221,10 +221,10 @@ def test_tiles_of_other_settings_are_refused(saved: Path, monkeypatch: pytest.Mo
 def test_tiles_are_as_large_as_the_memory_allows(saved: Path) -> None:
     job = jobs_for([saved], saved.parent, lfdepth.method("fbs-vis"), reading={}, settings={}, threads=1)[0]
     seen = replace(look(saved, {}), shape=(9, 9, 8192, 8192, 3))
-    probe = tiles._Probe((-2.0, 2.0), None, Residual(0, 0), None)
+    probe = survey.Probe((-2.0, 2.0), None, Residual(0, 0), None)
     small, large = (tiles._largest_tile(job, seen, probe, 48, memory) for memory in (1e9, 4e9))
     assert 1.6 < large / small < 4  # the halo takes its part of the smaller one
-    assert tiles._bytes(job, seen, probe, large + 2 * (48 + 9)) <= 4e9
+    assert survey.process_bytes(job, seen, probe, large + 2 * (48 + 9)) <= 4e9
     with pytest.raises(LightFieldError, match=r"memory: 300 MB for .* expected at least .* smallest tile"):
         tiles._largest_tile(job, seen, probe, 48, 3e8)
 

@@ -239,17 +239,8 @@ def from_the_root(path: Path) -> str:
     return re.sub(r"\[([^\]]+)\]\((?:README|LICENSE|CITATION)[^)]*\)", r"\1", text)
 
 
-def for_the_site(text: str, docs: Path) -> str:
-    """A page's source without what only the repository's own view can show.
-
-    Patterns of a table of contents that nothing matches are dropped, and a Mermaid chart that is a chain, which would need
-    a script from the network, becomes a list of its boxes.
-    """
-
-    def wanted(line: str) -> bool:
-        return not re.fullmatch(r"[\w/-]+\*", line.strip()) or any(docs.glob(f"{line.strip()}.md"))
-
-    text = "".join(line for line in text.splitlines(keepends=True) if wanted(line))
+def for_the_site(text: str) -> str:
+    """A page; a chart that is a chain, which would need a script from the network, becomes a list of its boxes."""
     return re.sub(r"```mermaid\n(.*?)```", lambda chart: _chain(chart[1]), text, flags=re.DOTALL)
 
 
@@ -260,7 +251,7 @@ def _chain(chart: str) -> str:
 
 def _read(app: Any, name: str, source: list[str]) -> None:
     if not name.startswith(GENERATED):
-        source[0] = for_the_site(source[0], Path(app.srcdir))
+        source[0] = for_the_site(source[0])
 
 
 def pages() -> Mapping[str, str]:

@@ -7,9 +7,12 @@ import os
 import platform
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from lfdepth.engines.cpu.compilation import on_compilation
 from lfdepth.errors import LightFieldError
@@ -72,11 +75,15 @@ def _warm_up(lf: LightField, method: Method, run: Callable[..., Result]) -> None
 
 
 def _pieces(lf: LightField, method: Method) -> Iterator[LightField]:
-    """Middles of the views: one that holds the method's windows, then larger ones, last the whole."""
+    """Middles of the views: one that holds the method's windows, then larger ones, last the whole.
+
+    They are copied, since kernels are compiled anew for views that are a window into larger ones.
+    """
     side = max(_PIECE, 2 * method.halo() + _FRAME)
     while True:
         width, height = min(lf.width, side), min(lf.height, side)
-        yield lf.crop((lf.width - width) // 2, (lf.height - height) // 2, width, height)
+        piece = lf.crop((lf.width - width) // 2, (lf.height - height) // 2, width, height)
+        yield replace(piece, views=np.ascontiguousarray(piece.views))
         if (width, height) == (lf.width, lf.height):
             return
         side *= 2

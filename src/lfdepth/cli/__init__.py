@@ -108,7 +108,8 @@ def _usage(error: CycloptsError, method: str) -> str:
             f"{option}: neither {command} nor method {method} has this option; expected one of the method's "
             f"({', '.join(known)}) or of the command's; see {command} --method {method} --help"
         )
-    return f"{_one_line(error).rstrip('.')}; see {command} --help"
+    what = _one_line(error).split(" Available commands: ")[0]  # the first eight of them
+    return f"{what.rstrip('.')}; see {command} --help"
 
 
 def _fail(message: str) -> int:

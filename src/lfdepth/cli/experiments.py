@@ -36,7 +36,7 @@ def bench(
     truth_variable: str | None = None,
     external: Annotated[tuple[Path, ...], Several] = (),
     compare: Annotated[tuple[str, str] | None, Parameter(metavar="A B")] = None,
-    published: bool = True,
+    published: Annotated[bool, Parameter(show_default=lambda _: "yes")] = True,
     threads: int | None = None,
     as_json: Json = False,
 ) -> int:
@@ -119,7 +119,9 @@ def reproduce(
     output: Output,
     data: Path | None = None,
     external: Annotated[tuple[Path, ...], Several] = (),
-    real_range: Annotated[tuple[float, float], Parameter(metavar="MIN MAX")] = (-1.5, 1.5),
+    real_range: Annotated[
+        tuple[float, float], Parameter(metavar="MIN MAX", show_default=lambda _: "-1.5 1.5")
+    ] = (-1.5, 1.5),
     threads: int | None = None,
     as_json: Json = False,
 ) -> int:
