@@ -28,7 +28,9 @@ from lfdepth.methods.parameters import Text, Whole
 _DISAGREEMENT = np.float32(0.05)
 """Deviation between turned maps, px per view step, at which confidence is halved."""
 
-
+Turns = Annotated[
+    int, Whole("Take the mean over so many ways of turning and mirroring the views.", ge=1, le=8)
+]
 Enlarge = Annotated[
     int,
     Whole(
@@ -60,10 +62,7 @@ class Epinet(Method):
             without="those of the package, if any",
         ),
     ] = None
-    turns: Annotated[
-        int,
-        Whole("Take the mean over so many ways of turning and mirroring the views.", ge=1, le=8),
-    ] = 4
+    turns: Turns = 4
     enlarge: Enlarge = 1
     tile: Annotated[
         int,
@@ -96,9 +95,13 @@ class Epinet(Method):
         return self.sizes.lost // 2 + again
 
     def run(self, problem: Problem, work: Work) -> Maps:
-        """Views to stacks, tiles through the network, the mean over turns."""
+        """Views to stacks, tiles through the network, the mean over turns; again on enlarged views.
+
+        The second look takes half as many turns, as it takes several times as long.
+        """
         lf, trace = problem.lf, work.trace
-        trace.steps(self.turns * (1 + (self.enlarge > 1)))
+        again = TURNS[: (self.turns + 1) // 2] if self.enlarge > 1 else ()
+        trace.steps(self.turns + len(again))
         with trace.block("preparation"):
             network = network_of(self.name, self.weights)
             grey = grey_views(lf, stack_views(self.sizes.views))
@@ -107,14 +110,16 @@ class Epinet(Method):
             with trace.block("network"):
                 found.append(predict(network, grey, self.sizes, turn, self.tile))
             trace.step("network")
-        if self.enlarge > 1:
-            with trace.block("preparation"):
-                seen = enlarged(grey, np.mean(found, axis=0), self.sizes, self.enlarge)
-            for i, turn in enumerate(TURNS[: self.turns]):
-                with trace.block("network"):
-                    found[i] = look_again(network, seen, self.sizes, turn, self.tile)
-                trace.step("network")
         disparity = np.asarray(np.mean(found, axis=0), np.float32)
+        if again:
+            with trace.block("preparation"):
+                seen = enlarged(grey, disparity, self.sizes, self.enlarge)
+            second = []
+            for turn in again:
+                with trace.block("network"):
+                    second.append(look_again(network, seen, self.sizes, turn, self.tile))
+                trace.step("network")
+            disparity = np.asarray(np.mean(second, axis=0), np.float32)
         with trace.block("confidence"):
             sure = confidence(grey, disparity, self.sizes.views)
             spread = np.std(found, axis=0, dtype=np.float32)
@@ -135,4 +140,5 @@ class EpinetS(Epinet):
         reference="docs/learned.md",
     )
 
+    turns: Turns = 2
     enlarge: Enlarge = 2
