@@ -1,4 +1,7 @@
-"""Views of another scene, mirrored, black or white are found; views of the same scene never are."""
+"""Views of another scene, mirrored, black or white are found; views of the same scene never are.
+
+And views that are all copies of one picture are warned of.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ import pytest
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 import lfdepth
-from fields import Array, Texture
+from fields import Array, Texture, plane_views, texture
 from lfdepth import scenes
 from lfdepth.lightfield import LightField, grid_offsets
 
@@ -62,7 +65,7 @@ def mirrored(view: Array) -> Array:
 
 def of_another_scene(view: Array) -> Array:
     """A view of the same size of another scene."""
-    return scenes.render("solids", size=view.shape[:2], views=3, samples=1).views[1, 1]
+    return np.asarray(scenes.render("solids", size=view.shape[:2], views=3, samples=1).views[1, 1])
 
 
 SPOILED: dict[str, Callable[[Array], Any]] = {
@@ -91,3 +94,26 @@ def test_many_views_out_of_their_place_are_not_foreign() -> None:
     views = scenes.render("leaves", size=96, views=5, samples=1).views.copy()
     views[1::2] = views[1::2, ::-1]
     assert not lfdepth.measure_brightness(LightField(views)).left_out.any()
+
+
+@pytest.mark.parametrize("noise", [0, 8])
+def test_copies_of_one_picture_are_warned_of(noise: float) -> None:
+    picture = scenes.render("leaves", size=64, views=3, samples=1).views[1:2, 1:2]
+    views = picture + noise * np.random.default_rng(0).standard_normal((5, 5, *picture.shape[2:]))
+    lf = LightField(np.rint(np.clip(views, 0, 255)).astype(np.uint8))
+    checks = lfdepth.estimate(lf, effort="fast").checks
+    assert checks is not None
+    assert checks.moved is not None
+    assert checks.moved < 0.2
+    assert checks.warnings[0].startswith("hardly anything moves between the views")
+
+
+def test_views_that_move_by_a_pixel_are_no_copies() -> None:
+    """A wall at 0.5 px per step, of 3×3 views."""
+    rng = np.random.default_rng(2)
+    paint = texture(rng, waves=40)
+    lf = LightField(np.rint(255 * plane_views(paint, 0.5, (3, 3), (64, 72))).astype(np.uint8)[..., None])
+    checks = lfdepth.estimate(lf, effort="fast").checks
+    assert checks is not None
+    assert checks.moved == pytest.approx(0.5, abs=0.05)
+    assert not any("hardly anything moves" in words for words in checks.warnings)

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 MOST_DISAGREEING = 0.53
 MOST_AT_ENDS = 0.16
 MOST_UNEVEN = 0.02
+# Px by which most points move in the outermost view: of copies of one picture with 10 levels of noise 0.1.
+LEAST_MOVED = 0.25
 # On clean scenes at most 0.14 (noise-3), behind a path-traced mesh 0.26 to 0.31.
 MOST_UNDECIDED = 0.2
 LEAST_IN_PLACE, LEAST_BRIGHTEST = 0.25, 0.27
@@ -55,6 +57,8 @@ _BESIDE = 0.5
 # Confidence below which there is no evidence, and above which positions of views are measured.
 _NO_EVIDENCE, _SURE = 0.2, 0.5
 _COMPARED = 500
+# Share of the textured points that move by less than is said to be the most.
+_MOST_POINTS = 0.95
 # Of clean scenes with little texture, fewer views may be in place; with more, none are on another grid.
 _ALL_IN_PLACE = 0.9
 # Only where fewer points disagree does a map tell where views stand.
@@ -96,6 +100,9 @@ class Checks:
     undecided
         Share of the textured points at which views contradict the map, and no other disparity stands out
         either; 0 from methods that do not tell.
+    moved
+        By how many px 95 % of the textured points move at most in the outermost view; None where there are
+        too few of them.
     warnings
         In plain words, the likeliest cause first; empty if nothing is beyond its bound.
     """
@@ -113,6 +120,7 @@ class Checks:
     aspect_helps: bool = False
     suspected: float = 0.0
     undecided: float = 0.0
+    moved: float | None = None
     warnings: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
@@ -164,6 +172,7 @@ def check_map(
         brightest=float(np.quantile(lf.reference, _ALL_BUT_GLINTS) / lf.full_scale),
         suspected=shades.suspected,
         undecided=_undecided(points[apart > _DISAGREEING], len(apart), standing_out),
+        moved=_moved(lf, disparity, points),
     )
     with using(engine) as used:
         found = _with_order(found, lf, as_read or lf, range, used)
@@ -203,6 +212,14 @@ def _undecided(
     if standing_out is None or count < _FEWEST or not len(points):
         return 0.0
     return float(np.count_nonzero(standing_out(points) < _STANDS_OUT)) / count
+
+
+def _moved(lf: LightField, disparity: NDArray[np.float32], points: NDArray[np.int64]) -> float | None:
+    """Px by which most of the points move in the outermost view; None where these are too few."""
+    if len(points) < _FEWEST:
+        return None
+    far = float(np.abs(lf.offsets[lf.available]).max())
+    return far * float(np.quantile(np.abs(disparity[points[:, 0], points[:, 1]]), _MOST_POINTS))
 
 
 def _in_place(
@@ -251,6 +268,11 @@ def _warnings(found: Checks, range: tuple[float, float], range_found: bool) -> l
         return [*words, _grid_words(found.grid)]  # all else may follow from it
     if found.at_ends > _BESIDE:
         words.append(ends)
+    if range_found and found.moved is not None and found.moved < LEAST_MOVED:
+        words.append(
+            f"hardly anything moves between the views, by {found.moved:.2f} px at most; unless the scene all "
+            "lies at the focus distance, these are copies of one picture; use views from different places"
+        )
     if found.order_wrong:
         words.append(
             "views are not in the expected order, top to bottom and left to right; run lfdepth info "
@@ -266,9 +288,9 @@ def _warnings(found: Checks, range: tuple[float, float], range_found: bool) -> l
         words.append(ends)
     if found.undecided > MOST_UNDECIDED and not words:
         words.append(
-            f"no disparity explains the views at {100 * found.undecided:.0f} % of the textured points; what "
-            "is there may be hidden in most views, as behind a mesh, or repeat itself; do not use pixels of "
-            "low confidence"
+            f"no disparity explains the views at {100 * found.undecided:.0f} % of the textured points; views "
+            "may not be rectified, equally sharp or free of strong compression, or what is there be hidden "
+            "in most of them, as behind a mesh, or repeat itself; do not use pixels of low confidence"
         )
     if found.disagreeing > MOST_DISAGREEING:
         causes = "" if range_found else "the range, "
