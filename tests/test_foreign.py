@@ -62,7 +62,7 @@ def mirrored(view: Array) -> Array:
 
 def of_another_scene(view: Array) -> Array:
     """A view of the same size of another scene."""
-    return scenes.render("solids", size=view.shape[:2], views=3, samples=1).views[1, 1]
+    return np.asarray(scenes.render("solids", size=view.shape[:2], views=3, samples=1).views[1, 1])
 
 
 SPOILED: dict[str, Callable[[Array], Any]] = {

@@ -204,7 +204,7 @@ def test_what_is_looked_at_again_is_enlarged_and_moved_back(
         slope = np.gradient(row[2], axis=1)
         found = (row[-1] - row[0]) / 4 / slope
         border = SMALL.lost // 2
-        return found[border:-border, border:-border].astype(np.float32)
+        return np.asarray(found[border:-border, border:-border], np.float32)
 
     # a first map that is wrong by more and more, so that views are moved by several steps
     coarse = (disparity + (columns - 28) / 20).astype(np.float32)

@@ -161,8 +161,9 @@ def predict(
     """
     border = shape.lost // 2
     padded = {place: np.pad(view, border, "edge") for place, view in grey.items()}
-    found = np.empty(grey[(0, 0)].shape, np.float32)
-    for rows, columns in tiles(*found.shape, side):
+    height, width = grey[(0, 0)].shape
+    found = np.empty((height, width), np.float32)
+    for rows, columns in tiles(height, width, side):
         part = slice(rows.start, rows.stop + 2 * border), slice(columns.start, columns.stop + 2 * border)
         found[rows, columns] = _turn_there_and_back(
             network, {place: view[part] for place, view in padded.items()}, shape, turn
@@ -199,8 +200,9 @@ def look_again(network: Network, seen: Seen, shape: EpinetShape, turn: Turn, sid
         What `enlarged` found.
     """
     times, border = seen.times, shape.lost // 2
-    found = np.empty(seen.moves.shape, np.float32)
-    for rows, columns in tiles(*found.shape, max(1, side // times)):
+    height, width = seen.moves.shape
+    found = np.empty((height, width), np.float32)
+    for rows, columns in tiles(height, width, max(1, side // times)):
         tile = seen.moves[rows, columns]
         for move in np.unique(tile):
             asked = tile == move
