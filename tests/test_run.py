@@ -122,14 +122,17 @@ def test_a_trace_keeps_what_the_estimate_was_made_of() -> None:
 
 @pytest.mark.parametrize("name", FAMILY)
 def test_a_trace_accounts_for_the_time_and_counts_every_step(name: str) -> None:
-    """Blocks take most of the time between the first step and the last, and never more than all of it."""
+    """Blocks take most of a step's time, and never more than all of it.
+
+    In half of the steps at least: a busy machine may interrupt the others between two blocks, for longer.
+    """
     seen: list[tuple[int, int, str]] = []
     trace = Trace(progress=lambda *step: seen.append(step))
     result = estimate(scene(18, size=(120, 130)), name, trace=trace, threads=1)
     assert [done for done, _, _ in seen] == list(range(1, len(seen) + 1))
     assert {total for _, total, _ in seen} == {len(seen)}
     assert sum(trace.times().values()) <= result.runtime
-    assert sum(trace.times().values()) > 0.5 * sum(lap.wall for lap in trace.laps)
+    assert np.median([sum(lap.blocks.values()) / lap.wall for lap in trace.laps]) > 0.5
     assert {"voting", "smoothing", "decoding"} <= trace.times().keys()
 
 

@@ -202,7 +202,7 @@ def look_again(network: Network, seen: Seen, shape: EpinetShape, turn: Turn, sid
     times, border = seen.times, shape.lost // 2
     height, width = seen.moves.shape
     found = np.empty((height, width), np.float32)
-    for rows, columns in tiles(height, width, side // times):
+    for rows, columns in tiles(height, width, max(1, side // times)):
         tile = seen.moves[rows, columns]
         for move in np.unique(tile):
             asked = tile == move

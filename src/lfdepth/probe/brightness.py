@@ -660,7 +660,7 @@ class _Fit:
     def dark(self) -> NDArray[np.bool_]:
         """Views (V·U,) that are dark, or black or white wherever it was looked."""
         mean = self.levels.mean(axis=(1, 2))
-        seen = np.asarray(self.valid.all(axis=-1), np.bool_).any(axis=1)
+        seen = np.asarray(self.valid.all(axis=-1)).any(axis=1)
         return np.asarray((mean < _DARKEST * mean[self.centre]) | ~seen)
 
     def result(self, present: NDArray[np.bool_], left_out: NDArray[np.bool_]) -> Equalisation:

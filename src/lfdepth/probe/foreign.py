@@ -55,4 +55,4 @@ def _best_beside(alike: NDArray[np.float64]) -> NDArray[np.float64]:
     rows, columns = alike.shape
     padded = np.pad(np.where(np.isfinite(alike), alike, -1.0), 1, constant_values=-1.0)
     places = [(v, u) for v in range(3) for u in range(3) if (v, u) != (1, 1)]
-    return np.asarray(np.max([padded[v : v + rows, u : u + columns] for v, u in places], axis=0), np.float64)
+    return np.asarray(np.max([padded[v : v + rows, u : u + columns] for v, u in places], axis=0))
