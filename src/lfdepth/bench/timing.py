@@ -12,8 +12,6 @@ from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from lfdepth.engines.cpu.compilation import on_compilation
 from lfdepth.errors import LightFieldError
 from lfdepth.lightfield import LightField
@@ -77,13 +75,13 @@ def _warm_up(lf: LightField, method: Method, run: Callable[..., Result]) -> None
 def _pieces(lf: LightField, method: Method) -> Iterator[LightField]:
     """Middles of the views: one that holds the method's windows, then larger ones, last the whole.
 
-    They are copied, since kernels are compiled anew for views that are a window into larger ones.
+    They lie in memory as the whole does: kernels are compiled anew for views that are a window into others.
     """
     side = max(_PIECE, 2 * method.halo() + _FRAME)
     while True:
         width, height = min(lf.width, side), min(lf.height, side)
         piece = lf.crop((lf.width - width) // 2, (lf.height - height) // 2, width, height)
-        yield replace(piece, views=np.ascontiguousarray(piece.views))
+        yield replace(piece, views=piece.views.copy()) if lf.views.flags.c_contiguous else piece
         if (width, height) == (lf.width, lf.height):
             return
         side *= 2
