@@ -160,7 +160,7 @@ def steady(
     reference, own = reference_of(lf), _weight(confidence, sigma, rule)
     if past is None:
         return disparity, Past(disparity, own, reference)
-    still = _still(lf, disparity, past, noise, rule)
+    still = _still(lf, disparity, reference, past, noise, rule)
     gate = np.float32(rule.gate)
     if sigma is not None:
         gate = np.clip(rule.sigmas * sigma, rule.gate, rule.widest).astype(np.float32)
@@ -180,9 +180,10 @@ def steady(
     return kept, Past(kept, weight, np.where(still[..., None], mean, reference))
 
 
-def _still(lf: LightField, disparity: Map, past: Past, noise: float, rule: SteadyRule) -> NDArray[np.bool_]:
+def _still(
+    lf: LightField, disparity: Map, reference: Map, past: Past, noise: float, rule: SteadyRule
+) -> NDArray[np.bool_]:
     """Where (H, W) the past may count: away from what moved, and farther where no texture would show it."""
-    reference = reference_of(lf)
     moved = changed(reference, past.reference, noise, rule)
     plain = texture_weight(lf, noise) < 0.5
     still = ~_widened(moved, rule.spread) & ~(plain & _widened(moved, rule.plain_spread))
