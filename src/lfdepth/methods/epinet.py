@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lfdepth.blocks.choosing import REACH, choose
 from lfdepth.learned.running import (
     TURNS,
     check_grid,
@@ -23,7 +25,7 @@ from lfdepth.learned.running import (
 )
 from lfdepth.learned.shape import EPINETS, EpinetShape
 from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
-from lfdepth.methods.parameters import Text, Whole
+from lfdepth.methods.parameters import Switch, Text, Whole
 
 _DISAGREEMENT = np.float32(0.05)
 """Deviation between turned maps, px per view step, at which confidence is halved."""
@@ -37,6 +39,13 @@ Enlarge = Annotated[
         "Look again at views enlarged so many times, moved so that disparities lie near 0; 1: look once.",
         ge=1,
         le=3,
+    ),
+]
+Choose = Annotated[
+    bool,
+    Switch(
+        "Let the views choose among the maps of all looks and turns at every pixel, and smooth the choice, "
+        "instead of taking the mean."
     ),
 ]
 
@@ -64,6 +73,7 @@ class Epinet(Method):
     ] = None
     turns: Turns = 4
     enlarge: Enlarge = 1
+    choose: Choose = False
     tile: Annotated[
         int,
         Whole("Side of the tiles that are computed at a time.", ge=16, le=2048, unit="px"),
@@ -80,50 +90,62 @@ class Epinet(Method):
         network_of(self.name, self.weights)
 
     def memory(self, shape: Shape, planes: NDArray[np.float64], sample_bytes: int) -> int:
-        """Grey views of the stacks, once more enlarged, and three layers of a tile."""
+        """Grey views of the stacks, once more enlarged or in colour, and three layers of a tile."""
         side, channels = self.tile + self.sizes.lost, 4 * self.sizes.filters
-        samples = 4 * self.sizes.views * shape[2] * shape[3]
+        views, size = 4 * self.sizes.views, shape[2] * shape[3]
+        larger = 0
         if self.enlarge > 1:
             around = 2 * margin_px(self.sizes, self.enlarge)
             larger = self.enlarge**2 * (shape[2] + around) * (shape[3] + around)
-            samples += (4 * self.sizes.views + 4) * larger
+        colours = shape[4] * views * size if self.choose else 0
+        samples = views * size + max((views + 4) * larger, colours)
         return 4 * (samples + 3 * channels * side * side)
 
     def halo(self) -> int:
-        """Half of the field of view, and of what is looked at to move views."""
+        """Half of the field of view, of what is looked at to move views, and of what the choice looks at."""
         again = seen_field(self.sizes, self.enlarge) // 2 if self.enlarge > 1 else 0
-        return self.sizes.lost // 2 + again
+        return self.sizes.lost // 2 + again + (REACH if self.choose else 0)
 
     def run(self, problem: Problem, work: Work) -> Maps:
-        """Views to stacks, tiles through the network, the mean over turns; again on enlarged views.
+        """Views to stacks, tiles through the network, once more on enlarged views, and one map of all.
 
         The second look takes half as many turns, as it takes several times as long.
         """
         lf, trace = problem.lf, work.trace
         again = TURNS[: (self.turns + 1) // 2] if self.enlarge > 1 else ()
-        trace.steps(self.turns + len(again))
+        trace.steps(self.turns + len(again) + self.choose)
         with trace.block("preparation"):
             network = network_of(self.name, self.weights)
             grey = grey_views(lf, stack_views(self.sizes.views))
-        found = []
+        first, second = [], []
         for turn in TURNS[: self.turns]:
             with trace.block("network"):
-                found.append(predict(network, grey, self.sizes, turn, self.tile))
+                first.append(predict(network, grey, self.sizes, turn, self.tile))
             trace.step("network")
-        disparity = np.asarray(np.mean(found, axis=0), np.float32)
+        disparity = _mean(first)
         if again:
             with trace.block("preparation"):
                 seen = enlarged(grey, disparity, self.sizes, self.enlarge)
-            second = []
             for turn in again:
                 with trace.block("network"):
                     second.append(look_again(network, seen, self.sizes, turn, self.tile))
                 trace.step("network")
-            disparity = np.asarray(np.mean(second, axis=0), np.float32)
+            del seen
+        if self.choose:
+            with trace.block("choice"):
+                maps = [*first, disparity, *second, *([_mean(second)] if len(second) > 1 else [])]
+                disparity = choose(lf, maps, list(grey), engine=work.engine)
+            trace.step("choice")
+        elif again:
+            disparity = _mean(second)
         with trace.block("confidence"):
             sure = confidence(grey, disparity, self.sizes.views)
-            spread = np.std(found, axis=0, dtype=np.float32)
+            spread = np.std(first, axis=0, dtype=np.float32)
         return Maps(disparity, np.asarray(sure / (1 + spread / _DISAGREEMENT), np.float32))
+
+
+def _mean(maps: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:
+    return np.asarray(np.mean(maps, axis=0), np.float32)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,3 +164,4 @@ class EpinetS(Epinet):
 
     turns: Turns = 2
     enlarge: Enlarge = 2
+    choose: Choose = True
