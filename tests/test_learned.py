@@ -13,7 +13,7 @@ import pytest
 from scipy.signal import correlate
 
 import lfdepth
-from lfdepth import LightField, LightFieldError
+from lfdepth import LightField, LightFieldError, scenes
 from lfdepth.cli import main
 from lfdepth.engines.cpu.kernels import scenes as kernels
 from lfdepth.learned.epinet_onnx import epinet_onnx
@@ -398,13 +398,25 @@ def test_the_weights_that_ship_know_a_plane(disparity: float) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("scene", "limits"), [("cotton", (5.0, 20.0, 0.52)), ("backgammon", (15.5, 29.0, 5.2))]
+    ("scene", "limits"), [("cotton", (1.6, 20.0, 0.45)), ("backgammon", (4.3, 7.3, 4.1))]
 )
 def test_scores_on_scenes_of_the_benchmark(
     data_folder: Path, scene: str, limits: tuple[float, float, float]
 ) -> None:
-    """What docs/learned.md says of BadPix 0.07, 0.03 and MSE×100, within a fifth; cotton's target is 5 %."""
+    """What docs/learned.md says of BadPix 0.07, 0.03 and MSE×100, within a fifth."""
     lf = lfdepth.read(data_folder / "hci4d" / scene)
     scores = lfdepth.evaluate(lfdepth.estimate(lf, "epinet-s"), lf).scores
     for name, limit in zip(("badpix_0.07", "badpix_0.03", "mse_x100"), limits, strict=True):
         assert scores[name] <= limit
+
+
+def test_the_views_choose_better_than_the_mean() -> None:
+    """On a scene with gaps, which benchmarks/accuracy.py finds at least halved; so nearly as much."""
+    lf = scenes.render("wedges", size=96, samples=2)
+    mean, chosen = (
+        lfdepth.evaluate(
+            lfdepth.estimate(lf, "epinet-s", turns=2, enlarge=1, choose=choose, check=False), lf
+        ).scores["badpix_0.07"]
+        for choose in (False, True)
+    )
+    assert chosen < 0.6 * mean

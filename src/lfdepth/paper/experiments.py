@@ -82,7 +82,8 @@ PUBLISHED_ONLY = ("EPINET", "LFAttNet")
 """Learned methods of the paper's table and figures, of which only published figures are shown."""
 
 SUBSTITUTED = {
-    "epinet-s": "EPINET with 30 filters, trained on procedural scenes alone, not on the benchmark's",
+    "epinet-s": "EPINET with 30 filters, trained on procedural scenes alone, not on the benchmark's; it "
+    "looks twice, and the views choose among its maps",
     "spo-mo": "parameters are ours; none are published",
     "cae": "scanline paths instead of graph cuts",
     "lf-occ": "scanline paths instead of graph cuts",
