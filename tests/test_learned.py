@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import pickle
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -420,3 +421,14 @@ def test_the_views_choose_better_than_the_mean() -> None:
         for choose in (False, True)
     )
     assert chosen < 0.6 * mean
+
+
+def test_what_cannot_be_trained_is_said_before_pytorch_is_asked_for(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setitem(sys.modules, "torch", None)  # as if it were not installed
+    assert main(["train", "fbs", "-o", str(tmp_path / "trained")]) == 2
+    assert "found 'fbs', expected one of epinet, epinet-s, lfattnet" in capsys.readouterr().err
+    assert main(["train", "epinet-s", "-o", str(tmp_path / "trained")]) == 2
+    assert 'pip install "lfdepth[train]"' in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())

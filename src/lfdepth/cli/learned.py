@@ -48,7 +48,9 @@ def train(
         Threads that compute on the processor, and as many that render; results depend on it a little.
     """
     from lfdepth.cli.progress import Progress
+    from lfdepth.training.recipes import recipe_of
 
+    recipe_of(name)
     try:
         import torch  # noqa: F401
     except ImportError:

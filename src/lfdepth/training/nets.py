@@ -8,12 +8,11 @@ from dataclasses import dataclass
 import torch
 from torch import nn
 
-from lfdepth.errors import LightFieldError
 from lfdepth.learned.shape import EPINETS, EpinetShape
 from lfdepth.learned.stacks import Position, stack_indices
 from lfdepth.learned.torch_epinet import Epinet
 from lfdepth.scenes.chance import cross, whole
-from lfdepth.training.recipes import RECIPES, Recipe
+from lfdepth.training.recipes import Recipe, recipe_of
 
 
 @dataclass(frozen=True)
@@ -62,11 +61,10 @@ def trainee(name: str) -> Trainee:
     LightFieldError
         If there is none.
     """
+    recipe = recipe_of(name)
     if name in EPINETS:
-        return epinet_trainee(EPINETS[name], RECIPES[name])
-    if name == "lfattnet":
-        from lfdepth.learned.lfattnet import VIEWS
-        from lfdepth.learned.torch_lfattnet import Lfattnet
+        return epinet_trainee(EPINETS[name], recipe)
+    from lfdepth.learned.lfattnet import VIEWS
+    from lfdepth.learned.torch_lfattnet import Lfattnet
 
-        return Trainee(Lfattnet, whole(VIEWS), lambda grey: grey, 0, RECIPES[name])
-    raise LightFieldError(f"training: found {name!r}, expected one of {', '.join(RECIPES)}; choose one")
+    return Trainee(Lfattnet, whole(VIEWS), lambda grey: grey, 0, recipe)

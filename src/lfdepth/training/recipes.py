@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from lfdepth.errors import LightFieldError
+
 
 @dataclass(frozen=True)
 class Recipe:
@@ -41,3 +43,16 @@ RECIPES = {
     "lfattnet": Recipe(batch=12, crop=32, scenes=48, size=96),
 }
 """By the name of the method."""
+
+
+def recipe_of(name: str) -> Recipe:
+    """How a learned system is trained.
+
+    Raises
+    ------
+    LightFieldError
+        If there is none of that name.
+    """
+    if name not in RECIPES:
+        raise LightFieldError(f"training: found {name!r}, expected one of {', '.join(RECIPES)}; choose one")
+    return RECIPES[name]
