@@ -14,6 +14,7 @@ from lfdepth.blocks import choosing
 from lfdepth.blocks.choosing import choose
 from lfdepth.engines import engine
 from lfdepth.errors import LightFieldError
+from lfdepth.lightfield import unit
 from lfdepth.scenes.chance import whole
 
 Array = NDArray[Any]
@@ -60,7 +61,9 @@ def test_disagreement_is_that_of_its_definition(wedges: LightField) -> None:
     assert truth is not None
     maps = [truth, truth + np.float32(0.4)]
     others = [position for position in VIEWS if position != (0, 0)]
-    found = choosing._disagreement(wedges, maps, others, engine("cpu", threads=2))
+    with engine("cpu", threads=2) as used:
+        reference = unit(wedges.reference, wedges.full_scale)
+        found = choosing._disagreement(wedges, reference, maps, others, used)
     levels = wedges.views.astype(float) / 255
     rows, columns = np.mgrid[:70, :80].astype(float)
     for disparity, each in zip(maps, found, strict=True):

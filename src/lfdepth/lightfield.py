@@ -28,6 +28,11 @@ def luma(samples: npt.NDArray[Any]) -> npt.NDArray[np.float32]:
     return values[..., 0] if samples.shape[-1] == 1 else np.asarray(values @ LUMA, np.float32)
 
 
+def unit(samples: npt.NDArray[Any], white: float) -> npt.NDArray[np.float32]:
+    """Samples of any kind and shape, float32, white at 1."""
+    return np.asarray(samples.astype(np.float32) / np.float32(white), np.float32)
+
+
 def reference_index(grid: tuple[int, int]) -> tuple[int, int]:
     """Row and column of the reference view in a grid of (V, U) views: its middle, the later one of two."""
     return grid[0] // 2, grid[1] // 2

@@ -20,7 +20,7 @@ from lfdepth.blocks.median import weighted_median
 from lfdepth.engines import single
 from lfdepth.engines.base import Engine
 from lfdepth.errors import LightFieldError
-from lfdepth.lightfield import LightField
+from lfdepth.lightfield import LightField, unit
 
 Map = NDArray[np.float32]
 Position = tuple[int, int]
@@ -72,12 +72,12 @@ def choose(
             "least one of each; give more"
         )
     used = engine or single()
-    disagreement = _disagreement(lf, maps, others, used)
+    guide = unit(lf.reference, lf.full_scale)
+    disagreement = _disagreement(lf, guide, maps, others, used)
     best = disagreement.argmin(axis=0)[None]
     disparity: Map = np.take_along_axis(np.stack(maps), best, axis=0)[0]
     least = np.take_along_axis(disagreement, best, axis=0)[0]
     weight = np.clip(np.exp(-least / np.float32(_TRUSTED)), _LEAST, 1)
-    guide = _levels(lf, (0, 0))
     for _ in range(_MEDIANS):
         disparity = weighted_median(
             disparity,
@@ -92,20 +92,22 @@ def choose(
 
 
 def _disagreement(
-    lf: LightField, maps: Sequence[Map], positions: Sequence[Position], engine: Engine
+    lf: LightField, reference: Map, maps: Sequence[Map], positions: Sequence[Position], engine: Engine
 ) -> NDArray[np.float32]:
     """How much the views that agree best differ from the reference view at the maps' disparities, (M, H, W).
 
     In full scale, the mean over channels, windows and these views.
     """
-    splines = engine.each(lambda position: _splines(_levels(lf, position)), positions)
-    reference = _levels(lf, (0, 0))
+    v, u = lf.centre
+    splines = engine.each(
+        lambda position: _splines(unit(lf.views[v + position[0], u + position[1]], lf.full_scale)), positions
+    )
     found = np.empty((len(maps), *reference.shape[:2]), np.float32)
 
     def compare(first: int) -> None:
         """Some rows; the windows reach one row further."""
         rows = slice(first, min(first + _STRIP, lf.height))
-        around = slice(max(first - _WINDOW // 2, 0), rows.stop + _WINDOW // 2)
+        around = slice(max(first - _WINDOW // 2, 0), min(rows.stop + _WINDOW // 2, lf.height))
         inner = slice(rows.start - around.start, rows.stop - around.start)
         for disparity, out in zip(maps, found, strict=True):
             differences = _differences(splines, positions, reference, disparity, around)
@@ -121,7 +123,7 @@ def _differences(
     """Mean absolute differences between views and some rows of the reference view, (N, rows, W)."""
     from scipy import ndimage  # here, since listing the methods needs no SciPy
 
-    down, across = np.mgrid[: disparity.shape[0], : disparity.shape[1]].astype(np.float32)[:, rows]
+    down, across = np.mgrid[rows, : disparity.shape[1]].astype(np.float32)
     true, disparity = reference[rows], disparity[rows]
     found = np.zeros((len(positions), *disparity.shape), np.float32)
     for difference, (v, u), spline in zip(found, positions, splines, strict=True):
@@ -140,13 +142,6 @@ def _mean_of_least(differences: NDArray[np.float32]) -> Map:
     asked = max(1, round(_ASKED * len(differences)))
     means = ndimage.uniform_filter(differences, (0, _WINDOW, _WINDOW))
     return np.asarray(np.partition(means, asked - 1, axis=0)[:asked].mean(axis=0), np.float32)
-
-
-def _levels(lf: LightField, position: Position) -> Map:
-    """A view (H, W, C), in full scale."""
-    v, u = lf.centre
-    view = lf.views[v + position[0], u + position[1]]
-    return np.asarray(view.astype(np.float32) / np.float32(lf.full_scale), np.float32)
 
 
 def _splines(view: Map) -> Map:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lfdepth.blocks.focusing import average
 from lfdepth.engines.base import Array, Engine, Float
-from lfdepth.lightfield import LightField
+from lfdepth.lightfield import LightField, unit
 
 _SMALL, _LARGE = 3, 7
 """Radii: of the mean of defocus, and how far such a window and the pixel it serves may reach together."""
@@ -38,7 +38,7 @@ class Defocus:
 
     def __init__(self, lf: LightField, engine: Engine) -> None:
         self.lf, self.engine = lf, engine
-        self.reference = lf.reference.astype(np.float32) / np.float32(lf.full_scale)
+        self.reference = unit(lf.reference, lf.full_scale)
 
     def mean(self, plane: float) -> Float:
         """Defocus (H, W) at a plane, the mean over 7×7 px, in parts of full scale.

@@ -22,7 +22,7 @@ from lfdepth.blocks.photo import local_thresholds
 from lfdepth.engines import single
 from lfdepth.engines.base import Engine
 from lfdepth.engines.boxes import local_range
-from lfdepth.lightfield import LightField
+from lfdepth.lightfield import LightField, unit
 from lfdepth.trace import Trace
 
 _MEDIAN_RADIUS, _MEDIAN_COLOUR, _MEDIAN_SPACE = 1, 0.05, 2.0  # px, and standard deviations
@@ -81,7 +81,7 @@ class DepthEdges:
         self._engine = engine or single()
         self._trace = trace or Trace()
         self._views = self._engine.views(lf)
-        self._guide = np.ascontiguousarray(lf.reference.astype(np.float32) / np.float32(lf.full_scale))
+        self._guide = np.ascontiguousarray(unit(lf.reference, lf.full_scale))
         self._thresholds = local_thresholds(lf.reference) * np.float32(255)
         self._found = np.zeros((lf.height, lf.width), np.bool_)
         self._spare: Any = None

@@ -18,7 +18,7 @@ from lfdepth.engines import single
 from lfdepth.engines.base import Array, Engine
 from lfdepth.engines.layout import GREY_WHITE, grey_levels
 from lfdepth.errors import LightFieldError
-from lfdepth.lightfield import LightField
+from lfdepth.lightfield import LightField, unit
 
 
 class GuidedFilter:
@@ -101,5 +101,5 @@ def check_window(radius: int, size: tuple[int, int]) -> None:
 def guide_image(lf: LightField, guide: str) -> NDArray[np.float32]:
     """The reference view in [0, 1] as a filter guide: (H, W, 3) for "colour" if any, or (H, W, 1)."""
     if guide == "colour":
-        return np.asarray(lf.reference.astype(np.float32) / np.float32(lf.full_scale), np.float32)
+        return unit(lf.reference, lf.full_scale)
     return (grey_levels(lf.reference).astype(np.float32) / np.float32(GREY_WHITE))[..., None]

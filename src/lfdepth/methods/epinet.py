@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from lfdepth.blocks.choosing import REACH, choose
 from lfdepth.learned.running import (
     TURNS,
+    Turn,
     check_grid,
     confidence,
     enlarged,
@@ -26,6 +27,9 @@ from lfdepth.learned.running import (
 from lfdepth.learned.shape import EPINETS, EpinetShape
 from lfdepth.methods.base import Maps, Method, MethodInfo, Problem, Shape, Work
 from lfdepth.methods.parameters import Switch, Text, Whole
+from lfdepth.trace import Trace
+
+Map = NDArray[np.float32]
 
 _DISAGREEMENT = np.float32(0.05)
 """Deviation between turned maps, px per view step, at which confidence is halved."""
@@ -117,35 +121,40 @@ class Epinet(Method):
         with trace.block("preparation"):
             network = network_of(self.name, self.weights)
             grey = grey_views(lf, stack_views(self.sizes.views))
-        first, second = [], []
-        for turn in TURNS[: self.turns]:
-            with trace.block("network"):
-                first.append(predict(network, grey, self.sizes, turn, self.tile))
-            trace.step("network")
-        disparity = _mean(first)
+        first = _every(
+            TURNS[: self.turns], lambda turn: predict(network, grey, self.sizes, turn, self.tile), trace
+        )
+        found = _with_mean(first)
         if again:
             with trace.block("preparation"):
-                seen = enlarged(grey, disparity, self.sizes, self.enlarge)
-            for turn in again:
-                with trace.block("network"):
-                    second.append(look_again(network, seen, self.sizes, turn, self.tile))
-                trace.step("network")
-            del seen
+                seen = enlarged(grey, found[-1], self.sizes, self.enlarge)
+            second = _every(again, lambda turn: look_again(network, seen, self.sizes, turn, self.tile), trace)
+            found = found + _with_mean(second)
+            del seen  # larger than what the choice needs
+        disparity = found[-1]
         if self.choose:
             with trace.block("choice"):
-                maps = [*first, disparity, *second, *([_mean(second)] if len(second) > 1 else [])]
-                disparity = choose(lf, maps, list(grey), engine=work.engine)
+                disparity = choose(lf, found, list(grey), engine=work.engine)
             trace.step("choice")
-        elif again:
-            disparity = _mean(second)
         with trace.block("confidence"):
             sure = confidence(grey, disparity, self.sizes.views)
             spread = np.std(first, axis=0, dtype=np.float32)
         return Maps(disparity, np.asarray(sure / (1 + spread / _DISAGREEMENT), np.float32))
 
 
-def _mean(maps: Sequence[NDArray[np.float32]]) -> NDArray[np.float32]:
-    return np.asarray(np.mean(maps, axis=0), np.float32)
+def _every(turns: Sequence[Turn], look: Callable[[Turn], Map], trace: Trace) -> list[Map]:
+    """What a look finds with views turned in each of several ways."""
+    found = []
+    for turn in turns:
+        with trace.block("network"):
+            found.append(look(turn))
+        trace.step("network")
+    return found
+
+
+def _with_mean(maps: list[Map]) -> list[Map]:
+    """Some maps, and last their mean; one alone is its own."""
+    return [*maps, np.asarray(np.mean(maps, axis=0), np.float32)] if len(maps) > 1 else maps
 
 
 @dataclass(frozen=True, kw_only=True)

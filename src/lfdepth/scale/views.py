@@ -37,7 +37,7 @@ from lfdepth.io.view_maps import (
     facts_of,
     writing_view_maps,
 )
-from lfdepth.lightfield import LightField
+from lfdepth.lightfield import LightField, unit
 from lfdepth.memory import available_memory, size_text
 from lfdepth.methods import DEFAULT, Method
 from lfdepth.methods import method as named_method
@@ -549,7 +549,7 @@ class _Maps:
         """Remove isolated values."""
         for index in self.indices:
             view = self.lf.views[self.view_of(index)]
-            guide = np.ascontiguousarray(view.astype(np.float32) / np.float32(self.lf.full_scale))
+            guide = np.ascontiguousarray(unit(view, self.lf.full_scale))
             disparity = weighted_median(
                 self.disparity.get(index),
                 guide,
